@@ -5,8 +5,8 @@ use core::fmt;
 use calib_core::{
     Real,
     joint::{
-        BearingStorage, JointEstimator, JointMemory, JointSettings, Leg, Progress, Round,
-        StopStorage, UnknownStorage, workspace,
+        BearingStorage, Capacity, JointEstimator, JointMemory, JointSettings, Leg, Progress, Round,
+        StopStorage, UnknownStorage,
     },
     lit,
 };
@@ -32,7 +32,7 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
     bench.measure_steps("joint_13_cameras_32_stops_52_bearings", || {
         goes_on(thirteen.step())
     })?;
-    let mut arrays = Arrays::<f32, 24, 64, 240, { workspace(24, 0) }>::new();
+    let mut arrays = Many::new();
     let mut many = walked(arrays.memory(), 10);
     bench.measure_steps("joint_24_cameras_64_stops_240_bearings", || {
         goes_on(many.step())
@@ -60,7 +60,20 @@ struct Arrays<T: Real, const C: usize, const S: usize, const B: usize, const W: 
 }
 
 /// For 13 cameras.
-type Thirteen<T> = Arrays<T, 13, 32, 52, { workspace(13, 0) }>;
+type Thirteen<T> = Arrays<T, 13, 32, 52, { room(13, 32, 52) }>;
+
+/// For 24 cameras.
+type Many = Arrays<f32, 24, 64, 240, { room(24, 64, 240) }>;
+
+const fn room(cameras: usize, stops: usize, bearings: usize) -> usize {
+    Capacity {
+        cameras,
+        stops,
+        bearings,
+        marks: 0,
+    }
+    .workspace()
+}
 
 impl<T: Real, const C: usize, const S: usize, const B: usize, const W: usize>
     Arrays<T, C, S, B, W>
@@ -165,7 +178,7 @@ mod tests {
             let nees = pose.normalised_error(at, heading).unwrap();
             assert!(nees < 25.0, "{camera}: {nees}");
         }
-        let mut arrays = Arrays::<f32, 24, 64, 240, { workspace(24, 0) }>::new();
+        let mut arrays = Many::new();
         let many = walked(arrays.memory(), 10);
         assert_eq!(many.bearings(), 240);
     }

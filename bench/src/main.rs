@@ -19,6 +19,7 @@ mod joint;
 mod network;
 mod precision;
 mod recorded;
+mod scale;
 mod stage;
 mod track;
 
@@ -55,6 +56,8 @@ enum Topic {
     Building,
     /// Objects without a radio, tracked by a network that calibrated itself.
     Track,
+    /// Speed and memory with many nodes, and networks solved again: minutes, and Linux only.
+    Scale,
     /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
     /// explain.
     Brief,
@@ -81,6 +84,7 @@ fn main() -> anyhow::Result<ExitCode> {
             Topic::Network => network::run(&mut sheet)?,
             Topic::Building => building::run(&mut sheet)?,
             Topic::Track => track::run(&mut sheet)?,
+            Topic::Scale => scale::run(&mut sheet)?,
             Topic::Brief => {
                 recorded::run(&mut sheet, true)?;
                 stage::run(&mut sheet, true)?;

@@ -24,8 +24,18 @@ pub const SIGHTINGS: usize = 16;
 /// Most stops that a reference camera keeps until it is calibrated.
 pub const REFERENCE_STOPS: usize = 12;
 
-/// Most stops that a target keeps of its walk.
+/// Most stops of a walk that are written down: so many places there are for them.
 pub const WALK_STOPS: usize = 100;
+
+/// Most stops that a target estimates together. What is kept of their equations grows with the square: 82 KB.
+#[cfg(not(feature = "small-memory"))]
+pub const ESTIMATED_STOPS: usize = 100;
+
+/// The same where RAM is less than 128 KiB: 27 KB.
+#[cfg(feature = "small-memory")]
+pub const ESTIMATED_STOPS: usize = 56;
+
+const _: () = assert!(ESTIMATED_STOPS <= WALK_STOPS, "each is written down");
 
 /// Most bearings that a target keeps of its walk.
 pub const WALK_BEARINGS: usize = 384;

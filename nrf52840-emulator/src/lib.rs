@@ -9,14 +9,13 @@
 //! is outside is somebody else's. [`print`](print()) runs a program alone. It is deterministic: the same nodes do the same.
 
 #![deny(unsafe_code)]
-#![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
-#![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
 mod bare;
 pub mod device;
 pub mod energy;
 mod network;
 mod node;
+mod one_cpu;
 pub mod peripheral;
 mod processor;
 mod soc;
@@ -25,5 +24,6 @@ pub use self::{
     bare::print,
     network::{Deed, Input, Network, run},
     node::{MEMORY, Node, Outcome, Reset, SETTINGS, Time},
+    peripheral::Wires,
     soc::{Board, Soc},
 };

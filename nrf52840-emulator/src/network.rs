@@ -6,16 +6,16 @@
 //! comes of that may come back to it. An idle one waits for its next event.
 
 use std::{
+    any::Any,
     collections::{BTreeMap, VecDeque},
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
     thread::{self, JoinHandle},
 };
 
-use chip_pipe::{Wires, one_cpu::OneCpu};
-
 use crate::{
     node::{self, Node, Outcome},
-    peripheral::{Arrival, Frame, RAMP_UP, US},
+    one_cpu::OneCpu,
+    peripheral::{Arrival, Frame, RAMP_UP, US, Wires},
 };
 
 /// A little less than a ramp-up, also of the fastest clock.
@@ -307,6 +307,9 @@ impl Network {
     }
 
     /// Power comes to a chip, at an instant, or now if that has passed. It has no power yet.
+    ///
+    /// # Panics
+    /// The system gives it no thread.
     pub fn switch_on(&mut self, number: usize, node: Node, at: u64) {
         let shared = self.0.clone();
         let mut state = self.0.lock();
@@ -327,11 +330,12 @@ impl Network {
             has_ended: false,
         };
         let chip = state.chips.entry(number).insert_entry(chip).into_mut();
-        let thread = thread::spawn(move || {
+        let thread = thread::Builder::new().name(format!("chip {number}"));
+        let thread = thread.spawn(move || {
             let _guard = Guard(number, shared.clone());
             node::run(number, node, since, shared)
         });
-        chip.thread = Some(thread);
+        chip.thread = Some(thread.expect("a thread for each chip"));
     }
 
     /// A chip loses its power, now; none if it has none.
@@ -348,7 +352,7 @@ impl Network {
         drop(state);
         let ended = thread.map(JoinHandle::join);
         self.0.lock().chips.remove(&number);
-        Some(ended?.unwrap_or_else(|_| Err(PANICKED.to_owned())))
+        Some(ended?.unwrap_or_else(|panic| Err(panicked(panic.as_ref()))))
     }
 
     /// What programs have written in [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS) of a chip with
@@ -402,7 +406,8 @@ impl Network {
             let why = match chip.and_then(|chip| chip.thread).map(JoinHandle::join) {
                 Some(Ok(Err(why))) => why,
                 Some(Ok(Ok(_))) => "it ended by itself".to_owned(),
-                _ => PANICKED.to_owned(),
+                Some(Err(panic)) => panicked(panic.as_ref()),
+                None => "it has no thread".to_owned(),
             };
             deeds.push((state.reached, number, Deed::Fails(why)));
         }
@@ -424,7 +429,15 @@ impl Drop for Network {
     }
 }
 
-const PANICKED: &str = "a model panicked";
+/// What is told of a chip whose thread has panicked.
+fn panicked(panic: &(dyn Any + Send)) -> String {
+    let text = { panic.downcast_ref::<String>().map(String::as_str) }
+        .or_else(|| panic.downcast_ref::<&str>().copied());
+    format!(
+        "a model panicked: {}",
+        text.unwrap_or("it does not say why")
+    )
+}
 
 /// Runs chips from power-on for so many nanoseconds. `medium` says at which [level](Arrival::level) a node
 /// hears a frame, if it does. Also returned are all frames.

@@ -6,7 +6,7 @@ use std::{
     net::TcpListener,
     ops::Range,
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{Arc, atomic::AtomicBool},
 };
 
 use object::{Object, ObjectSymbol};
@@ -58,6 +58,8 @@ pub struct Node {
     /// Where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
     /// it, and so does the time of all others.
     pub debugger: Option<TcpListener>,
+    /// Once this is set it ends by itself, also while it waits for GDB.
+    pub end: Option<Arc<AtomicBool>>,
 }
 
 impl fmt::Debug for Node {
@@ -210,6 +212,7 @@ pub(crate) fn run(
     let mut start = Start::new(&images);
     start.debugger = node.debugger.as_ref();
     start.wait_for_debugger = start.debugger.is_some();
+    start.interrupt = node.end.as_deref();
     let finished = emulator::run(session, &start, driver);
     let finished = finished.map_err(|error| text(&error))?;
     let session = &finished.session;
@@ -568,9 +571,8 @@ mod tests {
         [load(offset), 0x42a3, 0xd3fc]
     }
 
-    /// Runs a program, for so long; `fault` is where it goes on after a fault, in halves of a word. When it
-    /// changed its pins, and what became of it.
-    fn run(name: &str, code: &[u16], fault: usize, time: u64) -> (Vec<u64>, Outcome) {
+    /// An image of a program; `fault` is where it goes on after a fault, in halves of a word.
+    fn image(name: &str, code: &[u16], fault: usize) -> PathBuf {
         const VECTORS: u32 = 64;
         let mut bytes: Vec<u8> = (0..VECTORS / 4)
             .map(|vector| match vector {
@@ -595,6 +597,12 @@ mod tests {
         let header = header.into_iter().flat_map(u32::to_le_bytes);
         let image = env::temp_dir().join(format!("{name}-{}.elf", process::id()));
         fs::write(&image, header.chain(bytes).collect::<Vec<_>>()).unwrap();
+        image
+    }
+
+    /// Runs a program, for so long. When it changed its pins, and what became of it.
+    fn run(name: &str, code: &[u16], fault: usize, time: u64) -> (Vec<u64>, Outcome) {
+        let image = image(name, code, fault);
         let mut network = Network::default();
         let node = Node {
             image: image.clone(),
@@ -750,6 +758,132 @@ mod tests {
             let (changed, outcome) = run("nowhere", &code, code.len() - 3, MS);
             assert_eq!(changed.len(), usize::from(is_fault), "{address:x}");
             assert_eq!(outcome.unmapped.len(), usize::from(is_fault), "{address:x}");
+        }
+    }
+
+    /// Something at the end of the line that panics when this much is over.
+    #[derive(Debug)]
+    struct Panics(u64);
+
+    impl Peer for Panics {
+        fn receive(&mut self, _: u8, _: u64) {}
+
+        fn transmit(&mut self, now: u64) -> Option<u8> {
+            assert!(now < self.0, "planted at {now}");
+            None
+        }
+
+        fn next(&self) -> Option<u64> {
+            Some(self.0)
+        }
+    }
+
+    /// A panic of a model ends its chip with its words. Others go on, also with the same processor, and the chip can
+    /// have power again.
+    #[test]
+    fn a_model_that_panics_ends_its_chip_alone() {
+        // A pin changes every 64 ms, by RTC1; UARTE0 listens.
+        const UARTE: u32 = 0x4000_2000;
+        let code = [
+            &set(0, UARTE)[..],
+            &set(1, 1),
+            &set(2, UARTE + 0x500),
+            &set(3, 8),
+            // STR R3, [R2]: ENABLE; PSEL.RXD; RXD.PTR and MAXCNT; STARTRX.
+            &[0x6013],
+            &set(2, UARTE + 0x514),
+            &[0x6011],
+            &set(2, UARTE + 0x534),
+            &set(3, 0x2000_0000),
+            &[0x6013],
+            &set(2, UARTE + 0x538),
+            &[0x6011],
+            &[store(0)],
+            &STAY,
+        ]
+        .concat();
+        let image = image("panics", &code, 0);
+        let node = |peer: Option<u64>| Node {
+            image: image.clone(),
+            peer: peer.map(|at| Box::new(Panics(at)) as Box<dyn Peer>),
+            ..Node::default()
+        };
+        let mut network = Network::default();
+        network.switch_on(0, node(Some(35 * MS)), 0);
+        network.switch_on(1, node(None), 0);
+        let mut failed = Vec::new();
+        while network.reached() < 100 * MS {
+            for (at, number, deed) in network.run(100 * MS) {
+                if let Deed::Fails(why) = deed {
+                    failed.push((at, number, why));
+                }
+            }
+        }
+        let [(at, 0, why)] = &failed[..] else {
+            panic!("{failed:?}");
+        };
+        // Told as of when all others had run.
+        assert!(*at < 36 * MS, "{at}");
+        assert!(why.contains("a model panicked: planted at 35"), "{why}");
+        assert!(network.switch_off(0).is_none());
+        network.switch_on(0, node(None), 0);
+        while network.reached() < 150 * MS {
+            for (_, number, deed) in network.run(150 * MS) {
+                assert!(!matches!(deed, Deed::Fails(_)), "{number}: {deed:?}");
+            }
+        }
+        for number in [0, 1] {
+            let outcome = network.switch_off(number).unwrap().unwrap();
+            assert!(outcome.instructions > 10, "{number}");
+        }
+        fs::remove_file(image).unwrap();
+    }
+
+    /// Whatever a program does wrong, it restarts or stays where it is; what emulates it goes on.
+    #[test]
+    fn a_program_that_goes_wrong_ends_nothing_but_itself() {
+        // BX R0, of an address of Thumb code; then what a fault leads to.
+        let jump = |to: u32| [&set(0, to | 1)[..], &[0x4700]].concat();
+        let programs = [
+            // To nowhere, a peripheral, RAM that holds nothing, the processor's own registers.
+            ("nowhere", jump(0x6000_0000)),
+            ("peripheral", jump(CLOCK)),
+            ("ram", jump(0x2000_2000)),
+            ("own", jump(0xe000_e000)),
+            // To ARM code, of which there is none: BX R0 with an even address.
+            ("arm", [&set(0, 64)[..], &[0x4700]].concat()),
+            // BKPT without a debugger; and the one of semihosting.
+            ("breakpoint", vec![0xbe00]),
+            ("semihosting", vec![0xbeab]),
+            // SVC.
+            ("call", vec![0xdf00]),
+            // The stack is nowhere when a fault comes: MOV SP, R0, UDF.
+            (
+                "stack",
+                [&set(0, 0x6000_0000)[..], &[0x4685, 0xde00]].concat(),
+            ),
+            // It restarts itself: AIRCR, SYSRESETREQ.
+            (
+                "restart",
+                [
+                    &set(2, 0xe000_ed0c)[..],
+                    &set(1, 0x05fa_0004),
+                    &[0x6011, 0xbf30, 0xe7fd],
+                ]
+                .concat(),
+            ),
+            // It writes to its own flash without asking: STR R1, [R0].
+            (
+                "overwrites",
+                [&set(0, 64)[..], &set(1, 0), &[0x6001], &STAY].concat(),
+            ),
+        ];
+        for (name, mut code) in programs {
+            let fault = code.len();
+            code.extend(STAY);
+            let (_, outcome) = run(name, &code, fault, 2 * MS);
+            // A breakpoint without a debugger stands still.
+            assert!(outcome.powered > 0, "{name}");
         }
     }
 }

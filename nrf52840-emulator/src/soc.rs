@@ -288,8 +288,7 @@ impl Mcu for Soc {
         self.reset_every_model();
         self.set_registers(at);
         let (file, mut context) = self.bus.drive(at, GPIO);
-        self.gpio
-            .call(file, &mut context, |gpio, call| gpio.go_on(call));
+        self.gpio.call(file, &mut context, Gpio::go_on);
         if cause == ResetCause::Core {
             let (file, _) = self.bus.drive(at, CLOCK);
             for (offset, value) in retained {

@@ -313,7 +313,7 @@ impl Executor {
             if condition() {
                 return Ended::ConditionMet;
             }
-            let next = self.clock.timing.timers.borrow().next_at();
+            let next = self.clock.timing.timers.borrow_mut().next_at();
             let is_due = next.is_some_and(|at| at <= end);
             let planned = if is_due { next.unwrap_or(end) } else { end };
             let at = match &mut self.outside {

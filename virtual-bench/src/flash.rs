@@ -222,6 +222,11 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         self.chip.borrow().wear.clone()
     }
 
+    /// Erasures of the page that was erased most; `None` if there is no page.
+    pub fn most_erasures(&self) -> Option<u32> {
+        self.chip.borrow().wear.erasures.iter().copied().max()
+    }
+
     /// Power on: for good, or for so many more changes of a word or a page. The last of them is
     /// torn, and it and whatever follows fail.
     pub fn power(&self, changes: Option<u32>) {

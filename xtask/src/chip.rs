@@ -1,5 +1,4 @@
-//! The image that is flashed, on an emulated nRF52840 in virtual time. Its crate is a workspace of its
-//! own, for it needs a newer compiler than the one whose figures are documented.
+//! The image that is flashed, on an emulated nRF52840 in virtual time.
 
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
@@ -9,14 +8,15 @@ use crate::{
     documented::{self, Table, number},
     firmware,
     harness::{self, Suite},
-    setup,
 };
 
-/// Where everything is built for it.
-const BUILT: &str = "target/chip";
 const PACKAGE: &str = "nrf52840";
-/// Networks of `host-sim` on it.
-pub(crate) const SUITES: [Suite; 2] = [
+/// Nodes of a site on it, and networks of `host-sim`.
+pub(crate) const SUITES: [Suite; 3] = [
+    Suite {
+        package: "nrf52840-emulator",
+        module: "image",
+    },
     Suite {
         package: "host-sim",
         module: "chip_process",
@@ -33,37 +33,14 @@ const ROLES: [&str; 4] = ["coordinator", "camera", "reference", "target"];
 /// What a test says behind a role and the number of bytes.
 const USED: &str = " bytes of stack were used";
 
-/// Checks the crate, tests its models, compares its processor with another one, and runs the image as nodes of
-/// a site, at last within a simulation; tells how much stack they used there.
+/// Compares the emulated processor with another one, and runs the image as nodes of a site, at last within a
+/// simulation; tells how much stack they used there.
 ///
 /// # Errors
 /// One of that fails.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
-    let newer = sh.push_env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN);
-    let manifest = setup::EMULATOR;
-    cmd!(sh, "cargo fmt --manifest-path {manifest} --check")
-        .run()
-        .with_context(|| format!("type `cargo fmt --manifest-path {manifest}`"))?;
-    cmd!(
-        sh,
-        "cargo clippy --locked --manifest-path {manifest} --target-dir {BUILT} --all-targets -- --deny warnings"
-    )
-    .run()?;
-    cmd!(
-        sh,
-        "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT}"
-    )
-    .run()?;
-    drop(newer);
     let image = firmware::build(sh, PACKAGE)?;
     compare(sh)?;
-    cmd!(
-        sh,
-        "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT} --test image -- --ignored --nocapture"
-    )
-    .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
-    .env("NODE_IMAGE", sh.current_dir().join(&image))
-    .run()?;
     let bound = firmware::stack_bound(&image)?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
     let said = harness::ignored(sh, &SUITES)?;
@@ -73,13 +50,8 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
 /// The processor has the same arithmetic as QEMU's, which others wrote.
 fn compare(sh: &Shell) -> Result<()> {
     let (image, by_qemu) = cortex_m::results_of_cortex_m4f(sh)?;
-    let manifest = setup::EMULATOR;
-    let by_chip = cmd!(
-        sh,
-        "cargo run --release --locked --manifest-path {manifest} --target-dir {BUILT} --bin print -- {image}"
-    )
-    .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
-    .read()?;
+    let print = harness::program(sh, "print")?;
+    let by_chip = cmd!(sh, "{print} {image}").read()?;
     let count = cortex_m::same_bits(&by_chip, &by_qemu)
         .context("results of the emulated nRF52840 and of QEMU's Cortex-M4F")?;
     println!(
@@ -129,10 +101,8 @@ fn most_used(said: &str, role: &str) -> Option<u64> {
 /// One of that fails.
 pub(crate) fn bench(sh: &Shell) -> Result<()> {
     let image = firmware::build(sh, PACKAGE)?;
-    let newer = sh.push_env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN);
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
     let _cuts = sh.push_env("NODE_CUTS", "all");
-    let manifest = setup::EMULATOR;
     for (site, seconds, test) in [
         ("thesis-13", "612", "the_nodes_of_a_site_join"),
         ("lab", "3600", "what_nodes_draw"),
@@ -140,13 +110,12 @@ pub(crate) fn bench(sh: &Shell) -> Result<()> {
     ] {
         cmd!(
             sh,
-            "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT} --test image -- --ignored --nocapture {test}"
+            "cargo test --locked --release --package nrf52840-emulator --test it -- --ignored --nocapture image::{test}"
         )
         .env("NODE_SITE", site)
         .env("NODE_SECONDS", seconds)
         .run()?;
     }
-    drop(newer);
     // The first of a hundred at a time may be told with `NODE_SEED`.
     cmd!(
         sh,

@@ -21,6 +21,7 @@ mod fuzz;
 mod harness;
 mod peers;
 mod qemu;
+mod scale;
 mod setup;
 mod size;
 mod test;
@@ -51,6 +52,9 @@ enum Chore {
     },
     /// Instructions of the node's routines on emulated processors
     CortexM,
+    /// Instructions of short runs of `host-sim`, which must be those of `bench/scale.json`; `UPDATE_SCALE=1` writes
+    /// them down
+    Scale,
     /// Flash and RAM of the link on a Cortex-M4F
     Size {
         /// Names as many of the largest functions of each image
@@ -157,6 +161,10 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         .run()
         .map_err(Into::into),
         Chore::CortexM => count_instructions(&sh),
+        Chore::Scale => {
+            setup::packages(&sh)?;
+            scale::run(&sh)
+        }
         Chore::Size { largest } => measure_size(&sh, largest),
         Chore::Firmware { boards } => firmware::run(&sh, &boards),
         Chore::Peers => {

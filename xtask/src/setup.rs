@@ -10,7 +10,7 @@ use xshell::{Shell, cmd};
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
 /// Programs that tests run, and the Debian packages they come in.
-const PROGRAMS: [(&str, &str); 9] = [
+const PROGRAMS: [(&str, &str); 10] = [
     ("gdb-multiarch", "gdb-multiarch"),
     ("qemu-system-arm", "qemu-system-arm"),
     ("tshark", "tshark"),
@@ -20,6 +20,7 @@ const PROGRAMS: [(&str, &str); 9] = [
     ("c++", "g++"),
     ("chromium", "chromium"),
     ("chromedriver", "chromium-driver"),
+    ("valgrind", "valgrind"),
 ];
 
 /// The other browser, which only the stages of the night ask for.
@@ -28,36 +29,6 @@ const FIREFOX: [(&str, &str); 1] = [("firefox-esr", "firefox-esr")];
 /// The linker of images for nodes.
 pub(crate) const LINKER: &str = "flip-link";
 const LINKER_VERSION: &str = "0.1.12";
-
-/// The workspace of the emulated nRF52840, and its compiler: that of its `rust-toolchain.toml`.
-pub(crate) const EMULATOR: &str = "nrf52840-emulator/Cargo.toml";
-pub(crate) const EMULATOR_TOOLCHAIN: &str = "1.98.0";
-
-/// Installs the compiler of the emulated nRF52840, if it is missing.
-pub(crate) fn emulator(sh: &Shell) -> Result<()> {
-    let name = EMULATOR_TOOLCHAIN;
-    let is_there = ["rustc", "cargo-fmt", "cargo-clippy"]
-        .into_iter()
-        .all(|program| {
-            cmd!(sh, "{program} --version")
-                .env("RUSTUP_TOOLCHAIN", name)
-                .env("RUSTUP_AUTO_INSTALL", "0")
-                .quiet()
-                .ignore_stdout()
-                .ignore_stderr()
-                .run()
-                .is_ok()
-        });
-    if is_there {
-        return Ok(());
-    }
-    cmd!(
-        sh,
-        "rustup toolchain install {name} --profile minimal --component rustfmt --component clippy"
-    )
-    .run()
-    .with_context(|| format!("type `rustup toolchain install {name}` where there is a network"))
-}
 
 /// Compiler of the images. Its figures are documented, and the names it gives to functions are those that the
 /// checks of stack and panics know; a newer one makes images that are 1,184 bytes larger.
@@ -92,21 +63,15 @@ pub(crate) fn image_compiler(sh: &Shell, target: &str) -> Result<()> {
     })
 }
 
-/// Whether the `Cargo.lock` beside a manifest fits it. No chore changes one.
-pub(crate) fn locked(sh: &Shell, manifest: &str) -> Result<()> {
-    cmd!(
-        sh,
-        "cargo tree --locked --quiet --depth 0 --manifest-path {manifest}"
-    )
-    .quiet()
-    .ignore_stdout()
-    .run()
-    .with_context(|| {
-        format!(
-            "where its Cargo.lock no longer fits {manifest}, type `cargo update --workspace \
-             --manifest-path {manifest}`, and keep what changed"
+/// Tells where `Cargo.lock` no longer fits. No chore changes it.
+pub(crate) fn locked(sh: &Shell) -> Result<()> {
+    cmd!(sh, "cargo tree --locked --quiet --depth 0")
+        .quiet()
+        .ignore_stdout()
+        .run()
+        .context(
+            "where Cargo.lock no longer fits, type `cargo update --workspace`, and keep what changed",
         )
-    })
 }
 
 /// The compiler's targets and components, of the toolchain in use.
@@ -247,13 +212,6 @@ mod tests {
         ] {
             assert_eq!(says_ci(value.map(OsStr::new)), is_ci, "{value:?}");
         }
-    }
-
-    #[test]
-    fn the_emulators_compiler_is_the_one_that_is_pinned() {
-        let pinned = include_str!("../../nrf52840-emulator/rust-toolchain.toml");
-        let expected = format!("channel = \"{EMULATOR_TOOLCHAIN}\"");
-        assert!(pinned.lines().any(|line| line == expected));
     }
 
     /// A chore that changes `Cargo.lock` would test what nobody else gets.

@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
 use crate::{
-    chip, cortex_m, firmware, fuzz, harness, peers, setup, size,
+    chip, cortex_m, firmware, fuzz, harness, peers, scale, setup, size,
     usage::{self, Meter, Usage},
 };
 
@@ -83,7 +83,7 @@ impl Stage {
     }
 }
 
-const STAGES: [Stage; 16] = [
+const STAGES: [Stage; 17] = [
     stage(
         "set-up",
         "tools that the others need, and a lock file that fits",
@@ -117,6 +117,12 @@ const STAGES: [Stage; 16] = [
     stage("document", "documentation without a warning", document),
     stage("count", "instructions on emulated processors", count).needs(setup::packages),
     stage("size", "flash and RAM of the link", measure),
+    stage(
+        "scale",
+        "instructions of short runs of host-sim",
+        scale::run,
+    )
+    .needs(setup::packages),
     stage(
         "bench",
         "figures of the README that are quickly computed",
@@ -291,16 +297,13 @@ fn nothing(_: &Shell) -> Result<()> {
 
 fn packages_and_linker(sh: &Shell) -> Result<()> {
     setup::packages(sh)?;
-    setup::emulator(sh)?;
     setup::linker(sh)
 }
 
 /// What later stages need, so that what cannot be installed is told at once. Sources and tools that
 /// are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
-    for manifest in ["Cargo.toml", setup::EMULATOR] {
-        setup::locked(sh, manifest)?;
-    }
+    setup::locked(sh)?;
     setup::targets(sh)?;
     for stage in &STAGES {
         if let Some(why) = left_out(stage, sh, setup::is_ci())? {

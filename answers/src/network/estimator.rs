@@ -1,11 +1,13 @@
 //! The joint estimator on the heap, of the size that is needed.
 
 use calib_core::joint::{
-    BearingResidual, BearingStorage, Carrier, Finding, JointError, JointEstimator, JointMemory,
-    JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace, StopStorage,
-    UnknownStorage, VisitStorage, workspace_with_lenses,
+    BearingResidual, BearingStorage, Capacity, Carrier, Finding, JointError, JointEstimator,
+    JointMemory, JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace,
+    StopStorage, UnknownStorage, VisitStorage,
 };
 use calib_core::{Pose, fit::Fit};
+
+use super::sparse::Sparse;
 
 /// A bearing, radians, or a range by numbers of stop and camera.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +50,16 @@ pub(super) enum Depth {
     Checked { fit_legs: bool },
 }
 
+impl Depth {
+    /// The same, believing what displacements claim.
+    pub(super) const fn believing(self) -> Self {
+        match self {
+            Self::Answers => self,
+            Self::Checked { .. } => Self::Checked { fit_legs: false },
+        }
+    }
+}
+
 /// What comes out.
 #[derive(Clone, Debug)]
 pub(super) struct Output {
@@ -73,6 +85,9 @@ fn most_findings(input: &Input) -> usize {
     8 + input.bearings.len() / 10
 }
 
+/// Stops and marks of which the equations are held densely.
+const MOST_KEPT: usize = 400;
+
 /// Stops and cameras are counted in 16 bits.
 pub(super) const MOST: usize = u16::MAX as usize;
 
@@ -88,19 +103,42 @@ pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
     if input.cameras.max(input.legs.len()).max(input.marks) > MOST {
         return Err(Failure::TooMany);
     }
-    solve_in_memory(input, depth).map_err(Failure::Joint)
+    let is_long = input.legs.len() + input.marks > MOST_KEPT;
+    solve_in_memory(input, depth, is_long).map_err(Failure::Joint)
 }
 
-fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
+/// Of a long walk all unknowns are solved together, as sparse equations.
+fn solve_in_memory(input: &Input, depth: Depth, is_long: bool) -> Result<Output, JointError> {
+    let capacity = Capacity {
+        cameras: input.cameras,
+        stops: input.legs.len(),
+        bearings: input.bearings.len(),
+        marks: input.marks,
+    };
+    let mut seen = vec![0; input.cameras];
+    for sight in &input.bearings {
+        seen[sight.camera] += 1;
+    }
+    // All of what a camera saw can be left out together.
+    let most = seen.into_iter().max().unwrap_or_default();
+    let workspace = match is_long {
+        true => capacity.workspace_beside_solver(),
+        false => capacity.workspace_with_lenses(),
+    };
+    let workspace = workspace + most * (most + 3) / 2;
+    let mut solver = Sparse::default();
     let memory = JointMemory {
         cameras: &mut vec![UnknownStorage::default(); input.cameras],
         stops: &mut vec![StopStorage::default(); input.legs.len()],
         bearings: &mut vec![BearingStorage::default(); input.bearings.len()],
         marks: &mut vec![UnknownStorage::default(); input.marks],
         visits: &mut vec![VisitStorage::default(); input.visits.len()],
-        workspace: &mut vec![0.0; workspace_with_lenses(input.cameras, input.marks)],
+        workspace: &mut vec![0.0; workspace],
     };
-    let mut joint = JointEstimator::new(memory, input.baseline, input.settings)?;
+    let mut joint = match is_long {
+        true => JointEstimator::with_solver(memory, &mut solver, input.baseline, input.settings)?,
+        false => JointEstimator::new(memory, input.baseline, input.settings)?,
+    };
     for leg in &input.legs {
         joint.add_stop(*leg)?;
     }
@@ -166,4 +204,119 @@ fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
             .collect();
     }
     Ok(output)
+}
+
+#[cfg(test)]
+mod tests {
+    use calib_core::{Limits, joint::Prior};
+    use test_support::{
+        generator,
+        walk::{CarrierErrors, Walk},
+    };
+
+    use super::*;
+
+    /// Nine cameras, one of them bumped half way and one bearing wrong, with lenses that are estimated.
+    fn input(seed: u64) -> Input {
+        let mut walk = Walk::random(&mut generator(seed), 9, 24, CarrierErrors::UNKNOWN, 0.0024);
+        let bumped = (2..9).max_by_key(|camera| walk.seen_by(*camera)).unwrap();
+        let mut others = walk
+            .bearings
+            .iter_mut()
+            .filter(|seen| seen.camera != bumped);
+        others.nth(30).unwrap().bearing += 0.05;
+        for seen in &mut walk.bearings {
+            if seen.camera == bumped && seen.stop > 12 {
+                seen.bearing += 0.1;
+            }
+        }
+        let legs = walk.legs.iter().map(|leg| {
+            Some(Leg {
+                displacement: leg.displacement,
+                covariance: leg.covariance,
+            })
+        });
+        let bearings = walk.bearings.iter().map(|seen| Seen {
+            stop: seen.stop,
+            camera: seen.camera,
+            quantity: Quantity::Bearing,
+            value: seen.bearing,
+            sigma: seen.sigma,
+        });
+        let prior = |mean, sigma| Prior { mean, sigma };
+        Input {
+            cameras: 9,
+            marks: 1,
+            baseline: walk.cameras[1].x,
+            settings: JointSettings {
+                scale: prior(1.0, walk.errors.scale),
+                compass: prior(0.0, walk.errors.compass),
+                lens: Some(0.02),
+                limits: Limits {
+                    position: 3.0,
+                    heading: 0.5,
+                },
+                ..JointSettings::default()
+            },
+            legs: std::iter::once(None).chain(legs).collect(),
+            bearings: bearings.collect(),
+            visits: [3, 14]
+                .map(|stop| Visit {
+                    stop,
+                    mark: 0,
+                    sigma: 3.0,
+                })
+                .into(),
+        }
+    }
+
+    /// What is found, told and left out does not depend on which equations are solved.
+    #[test]
+    fn sparse_equations_say_the_same() {
+        let near = |a: f64, b: f64| (a - b).abs() <= 1e-5 * (1.0 + b.abs());
+        for seed in 0..8 {
+            let (input, depth) = (input(seed), Depth::Checked { fit_legs: false });
+            let [kept, sparse] =
+                [false, true].map(|is_long| solve_in_memory(&input, depth, is_long).unwrap());
+            assert_eq!(kept.findings.len(), sparse.findings.len(), "{seed}");
+            for (a, b) in kept.findings.iter().zip(&sparse.findings) {
+                assert_eq!(
+                    std::mem::discriminant(a),
+                    std::mem::discriminant(b),
+                    "{a:?} {b:?}"
+                );
+            }
+            assert!(near(kept.fit.chi_squared, sparse.fit.chi_squared));
+            for (a, b) in kept.poses.iter().zip(&sparse.poses) {
+                assert_eq!(a.is_some(), b.is_some());
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                assert!((a.position - b.position).norm() < 1e-5);
+                assert!((a.covariance - b.covariance).norm() < 1e-5 * a.covariance.norm());
+            }
+            for (a, b) in kept.protections.iter().zip(&sparse.protections) {
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                // Where hardly anything is checked, the last digits of an estimate show.
+                let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
+                assert!(near(a.position_bearing, b.position_bearing), "{a:?} {b:?}");
+                assert!(near(a.position_leg, b.position_leg), "{a:?} {b:?}");
+                assert!(near(a.heading_leg, b.heading_leg), "{a:?} {b:?}");
+            }
+            for (a, b) in kept.bearings.iter().zip(&sparse.bearings) {
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                assert!(near(a.redundancy, b.redundancy) && a.standing == b.standing);
+            }
+            for (a, b) in kept.legs.iter().zip(&sparse.legs) {
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                assert!(near(a.chi_squared, b.chi_squared) && near(a.redundancy, b.redundancy));
+            }
+            for (a, b) in kept.places.iter().zip(&sparse.places) {
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                assert!((a.covariance - b.covariance).norm() < 1e-5 * a.covariance.norm());
+            }
+            for (a, b) in kept.lenses.iter().zip(&sparse.lenses) {
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                assert!(near(a.scale, b.scale) && near(a.sigma, b.sigma));
+            }
+        }
+    }
 }

@@ -36,10 +36,12 @@ use crate::record::{
 
 mod estimator;
 mod opportunistic;
+mod sparse;
 #[cfg(test)]
 mod tests;
 mod walk;
 
+use estimator::Depth;
 use walk::Walk;
 
 /// What is not measured.
@@ -50,6 +52,21 @@ pub struct Settings {
     pub max_sigma: Option<f64>,
     /// Estimate how large the errors of displacements are, rather than to believe what they claim.
     pub fit_legs: bool,
+    /// Poses and places from all measurements as they are: nothing is looked for that contradicts, and no
+    /// residual or protection level is told. Along walks with displacements.
+    pub poses_only: bool,
+}
+
+impl Settings {
+    const fn depth(&self) -> Depth {
+        if self.poses_only {
+            Depth::Answers
+        } else {
+            Depth::Checked {
+                fit_legs: self.fit_legs,
+            }
+        }
+    }
 }
 
 /// What sets the scale of a solution.

@@ -8,7 +8,7 @@
 //! [`Looker`] makes the events: it compares records. It is the same for a simulation, a coordinator's
 //! line and a finished record, because all of them are told as records.
 
-use std::{fmt, io};
+use std::{collections::HashMap, fmt, io};
 
 use calib_core::Status;
 use node_firmware::{
@@ -21,7 +21,7 @@ use super::{
     Network, Node, Radio, RunRecord, Stop, Target, Tracking,
     sightings::Sightings,
     summary::Summary,
-    verdict::{NextStop, Verdict},
+    verdict::{Judge, NextStop},
 };
 
 /// The format of the stream that this library writes, and the only one that it reads.
@@ -197,6 +197,22 @@ pub enum What {
         /// Where to stop next, the best place first.
         walk_to: Vec<WalkTo>,
     },
+    /// What changed of the verdict since it was told last: what `host-sim live` tells its page in the place
+    /// of a whole one.
+    VerdictChange {
+        /// As of the verdict.
+        good: bool,
+        /// As of the verdict.
+        calibrated: usize,
+        /// As of the verdict.
+        expected: usize,
+        /// Its lines.
+        words: Vec<Piece<String>>,
+        /// As of the verdict.
+        findings: Vec<Piece<Advice>>,
+        /// As of the verdict.
+        walk_to: Vec<Piece<WalkTo>>,
+    },
     /// What was on the air so far.
     Traffic {
         /// As in the record.
@@ -338,6 +354,127 @@ pub struct WalkTo {
     pub seen_by: Vec<u16>,
 }
 
+/// A piece of a list, told by what was there before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Piece<T> {
+    /// From this place of the list before, so many.
+    Kept([usize; 2]),
+    /// This one.
+    New(T),
+}
+
+/// A list, told by one that was before.
+fn pieces<T: Clone + PartialEq + Serialize>(before: &[T], now: &[T]) -> Vec<Piece<T>> {
+    let key = |item: &T| serde_json::to_string(item).unwrap_or_default();
+    let mut places = HashMap::new();
+    for (place, item) in before.iter().enumerate().rev() {
+        places.insert(key(item), place);
+    }
+    let mut pieces = Vec::new();
+    let mut rest = now;
+    while let Some((first, others)) = rest.split_first() {
+        let place = places.get(&key(first));
+        let same = place.map_or(0, |&place| {
+            let pairs = before[place..].iter().zip(rest);
+            pairs.take_while(|(a, b)| a == b).count()
+        });
+        match (place, same) {
+            (Some(&place), 1..) => {
+                pieces.push(Piece::Kept([place, same]));
+                rest = &rest[same..];
+            }
+            _ => {
+                pieces.push(Piece::New(first.clone()));
+                rest = others;
+            }
+        }
+    }
+    pieces
+}
+
+/// The list that was told so; `None` if there was another one before.
+fn put_together<T: Clone>(before: &[T], pieces: &[Piece<T>]) -> Option<Vec<T>> {
+    let mut now = Vec::new();
+    for piece in pieces {
+        match piece {
+            Piece::New(item) => now.push(item.clone()),
+            Piece::Kept([from, count]) => {
+                now.extend_from_slice(before.get(*from..from.checked_add(*count)?)?);
+            }
+        }
+    }
+    Some(now)
+}
+
+fn lines(words: &str) -> Vec<String> {
+    words.split('\n').map(str::to_owned).collect()
+}
+
+impl What {
+    /// A verdict, told by one that was before; `None` if one of them is none.
+    pub fn verdict_change(before: &Self, now: &Self) -> Option<Self> {
+        let (
+            Self::Verdict {
+                words: old_words,
+                findings: old_findings,
+                walk_to: old_walk,
+                ..
+            },
+            Self::Verdict {
+                good,
+                calibrated,
+                expected,
+                words,
+                findings,
+                walk_to,
+            },
+        ) = (before, now)
+        else {
+            return None;
+        };
+        Some(Self::VerdictChange {
+            good: *good,
+            calibrated: *calibrated,
+            expected: *expected,
+            words: pieces(&lines(old_words), &lines(words)),
+            findings: pieces(old_findings, findings),
+            walk_to: pieces(old_walk, walk_to),
+        })
+    }
+
+    /// The verdict that was told by this one before it; `None` if that was another one.
+    pub fn verdict_now(&self, before: &Self) -> Option<Self> {
+        let (
+            Self::VerdictChange {
+                good,
+                calibrated,
+                expected,
+                words,
+                findings,
+                walk_to,
+            },
+            Self::Verdict {
+                words: old_words,
+                findings: old_findings,
+                walk_to: old_walk,
+                ..
+            },
+        ) = (self, before)
+        else {
+            return None;
+        };
+        Some(Self::Verdict {
+            good: *good,
+            calibrated: *calibrated,
+            expected: *expected,
+            words: put_together(&lines(old_words), words)?.join("\n"),
+            findings: put_together(old_findings, findings)?,
+            walk_to: put_together(old_walk, walk_to)?,
+        })
+    }
+}
+
 impl From<&NextStop> for WalkTo {
     fn from(stop: &NextStop) -> Self {
         let NextStop {
@@ -432,6 +569,14 @@ pub fn fold<'e>(events: impl IntoIterator<Item = &'e Event>) -> Option<RunRecord
 impl RunRecord {
     /// Takes over what an event changes.
     pub fn apply(&mut self, event: &Event) {
+        self.take(event);
+        if let What::Node { .. } | What::Gone { .. } = event.what {
+            self.summary = Summary::of(&self.nodes);
+        }
+    }
+
+    /// All of it but the summary.
+    fn take(&mut self, event: &Event) {
         self.sim_seconds = self.sim_seconds.max(event.seconds);
         match &event.what {
             What::Begin { record, .. } => self.clone_from(record),
@@ -440,12 +585,10 @@ impl RunRecord {
                     Ok(place) => self.nodes[place].clone_from(is),
                     Err(place) => self.nodes.insert(place, Node::clone(is)),
                 }
-                self.summary = Summary::of(&self.nodes);
             }
             What::Gone { node } => {
                 self.nodes.retain(|other| other.id != *node);
                 self.targets.retain(|target| target.id != *node);
-                self.summary = Summary::of(&self.nodes);
             }
             What::Network { is } => {
                 match { self.networks.iter_mut() }.find(|own| own.network == is.network) {
@@ -487,7 +630,8 @@ impl RunRecord {
             | What::Truth { .. }
             | What::Command { .. }
             | What::Said { .. }
-            | What::Verdict { .. } => {}
+            | What::Verdict { .. }
+            | What::VerdictChange { .. } => {}
         }
     }
 
@@ -517,6 +661,7 @@ pub struct Looker {
     owes_verdict: bool,
     verdict_at: Option<f64>,
     traffic_at: f64,
+    judge: Judge,
 }
 
 impl Looker {
@@ -564,7 +709,7 @@ impl Looker {
     fn verdict(&mut self, record: &RunRecord) -> Event {
         self.owes_verdict = false;
         self.verdict_at = Some(record.sim_seconds);
-        let verdict = Verdict::of(record);
+        let verdict = self.judge.verdict(record);
         let what = What::Verdict {
             good: verdict.is_good(),
             calibrated: verdict.calibrated,
@@ -608,11 +753,14 @@ impl Looker {
             let outlines = record.obstacles.clone();
             whats.push(What::Obstacles { outlines });
         }
-        for node in &known.nodes {
-            if !record.nodes.iter().any(|other| other.id == node.id) {
-                whats.push(What::Gone { node: node.id });
-            }
-        }
+        let is_there = |id: u16| {
+            record
+                .nodes
+                .binary_search_by_key(&id, |node| node.id)
+                .is_ok()
+        };
+        let gone = known.nodes.iter().filter(|node| !is_there(node.id));
+        whats.extend(gone.map(|node| What::Gone { node: node.id }));
         for node in &record.nodes {
             let place = known.nodes.binary_search_by_key(&node.id, |n| n.id);
             let before = place.ok().map(|place| &known.nodes[place]);
@@ -623,14 +771,16 @@ impl Looker {
             }
         }
         for target in &record.targets {
-            let before = known.targets.iter().find(|own| own.id == target.id);
+            let place = known.targets.binary_search_by_key(&target.id, |own| own.id);
+            let before = place.ok().map(|place| &known.targets[place]);
             whats.extend(target_changes(before, target));
         }
         let events = whats.into_iter();
         let events: Vec<_> = { events.map(|what| Event::new(record.sim_seconds, what)) }.collect();
         for event in &events {
-            known.apply(event);
+            known.take(event);
         }
+        known.summary = Summary::of(&known.nodes);
         self.owes_verdict |= !events.is_empty();
         events
     }
@@ -646,14 +796,7 @@ fn news(before: Option<&Node>, now: &Node, with_traffic: bool) -> Vec<News> {
             &blank
         }
     };
-    let same_traffic = Node {
-        heard_seconds: before.heard_seconds,
-        payload_bytes: before.payload_bytes,
-        bytes_sent: before.bytes_sent,
-        frames_sent: before.frames_sent,
-        ..now.clone()
-    };
-    if same_traffic == *before {
+    if now.is_like(before) {
         let is_new = with_traffic && now != before;
         return if is_new {
             vec![News::Traffic]

@@ -506,6 +506,69 @@ impl Estimate {
 }
 
 impl Node {
+    /// Whether all but traffic, and when it was heard, is the same.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let Self {
+            id,
+            network,
+            role,
+            reference,
+            expected,
+            truth,
+            planned,
+            view,
+            status,
+            reason,
+            estimate,
+            error,
+            protection,
+            nees,
+            sightings,
+            used,
+            chi_squared,
+            done,
+            lens,
+            residuals,
+            calibrated_seconds,
+            silent,
+            health,
+            address,
+            failures,
+            page_erasures,
+            heard_seconds: _,
+            payload_bytes: _,
+            bytes_sent: _,
+            frames_sent: _,
+        } = self;
+        // What changes most often comes first.
+        *sightings == other.sightings
+            && *status == other.status
+            && *estimate == other.estimate
+            && *address == other.address
+            && *used == other.used
+            && *residuals == other.residuals
+            && *id == other.id
+            && *network == other.network
+            && *role == other.role
+            && *reference == other.reference
+            && *expected == other.expected
+            && *truth == other.truth
+            && *planned == other.planned
+            && *view == other.view
+            && *reason == other.reason
+            && *error == other.error
+            && *protection == other.protection
+            && *nees == other.nees
+            && *chi_squared == other.chi_squared
+            && *done == other.done
+            && *lens == other.lens
+            && *calibrated_seconds == other.calibrated_seconds
+            && *silent == other.silent
+            && *health == other.health
+            && *failures == other.failures
+            && *page_erasures == other.page_erasures
+    }
+
     /// A node of the first network of which nothing is known yet.
     pub fn new(id: u16, role: Role) -> Self {
         Self {

@@ -29,6 +29,13 @@ pub(super) struct Wish<'a> {
     pub(super) in_pair: bool,
 }
 
+impl Wish<'_> {
+    /// The camera's number, and what else it is.
+    pub(super) fn told(&self) -> (u16, bool, bool) {
+        (self.camera.id, self.believes, self.in_pair)
+    }
+}
+
 /// The best stops for these cameras of a network, at most a handful.
 pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Vec<NextStop> {
     let (own, paired): (Vec<_>, Vec<_>) = wishes.iter().partition(|wish| !wish.in_pair);

@@ -12,7 +12,11 @@
 //!
 //! The rows of a case may stand anywhere in the file.
 
-use std::io::BufRead;
+use std::{
+    collections::{HashSet, hash_map::RandomState},
+    hash::BuildHasher,
+    io::BufRead,
+};
 
 use calib_core::{Sighting, camera::Camera};
 use indexmap::IndexMap;
@@ -174,12 +178,129 @@ impl<'a> Layout<'a> {
 pub fn read(
     input: impl BufRead,
     assumptions: &Assumptions,
-    mut complain: impl FnMut(Complaint),
+    complain: impl FnMut(Complaint),
 ) -> Result<Recording, ReadError> {
-    let mut rows = Rows::new(input)?;
-    let mut layout = Layout::find(&rows, assumptions)?;
     let mut recording = Recording {
         cases: IndexMap::new(),
+        sigma_assumed: false,
+        passed_over: None,
+    };
+    let told = rows(input, assumptions, complain, |id, sighting| {
+        recording.case_of(id).add(sighting);
+        Ok::<_, ReadError>(())
+    })?;
+    recording.sigma_assumed = told.sigma_assumed;
+    recording.passed_over = told.passed_over;
+    Ok(recording)
+}
+
+/// What there is to know of a file before its cases are read [one by one](each).
+#[derive(Clone, Copy, Debug)]
+pub struct Survey {
+    /// How many cases there are; if they are not [together](Self::are_together), as often as one begins.
+    pub cases: usize,
+    /// Characters of the longest name of a case.
+    pub widest: usize,
+    /// Whether the rows of each case follow one another.
+    pub are_together: bool,
+    /// See [`Recording::sigma_assumed`].
+    pub sigma_assumed: bool,
+    /// See [`Recording::passed_over`].
+    pub passed_over: Option<&'static str>,
+}
+
+/// Reads sightings as [`read`] does, and keeps none of them.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn survey(
+    input: impl BufRead,
+    assumptions: &Assumptions,
+    complain: impl FnMut(Complaint),
+) -> Result<Survey, ReadError> {
+    // Two names with the same hash are taken for one, so that the file is not read case by case: that is
+    // right too.
+    let hasher = RandomState::new();
+    let mut begun = HashSet::new();
+    let mut last: Option<String> = None;
+    let (mut cases, mut widest, mut are_together) = (0, 0, true);
+    let told = rows(input, assumptions, complain, |id, _| {
+        if last.as_deref() != Some(id) {
+            let name = last.get_or_insert_default();
+            name.clear();
+            name.push_str(id);
+            cases += 1;
+            widest = widest.max(id.chars().count());
+            are_together = are_together && begun.insert(hasher.hash_one(id));
+        }
+        Ok::<_, ReadError>(())
+    })?;
+    Ok(Survey {
+        cases,
+        widest,
+        are_together,
+        sigma_assumed: told.sigma_assumed,
+        passed_over: told.passed_over,
+    })
+}
+
+/// Reads sightings and hands on each case once its rows are over, for a file in which
+/// [they follow one another](Survey::are_together). Nothing is said about rows that are wrong.
+///
+/// # Errors
+/// Those of [`read`], and those of `take`.
+pub fn each<E: From<ReadError>>(
+    input: impl BufRead,
+    assumptions: &Assumptions,
+    mut take: impl FnMut(&str, &Case) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut name = String::new();
+    let mut case: Option<Case> = None;
+    rows(
+        input,
+        assumptions,
+        |_| (),
+        |id, sighting| {
+            match &mut case {
+                Some(case) if name == id => case.add(sighting),
+                _ => {
+                    let mut next = case.take().unwrap_or_default();
+                    if !name.is_empty() {
+                        take(&name, &next)?;
+                    }
+                    next.sightings.clear();
+                    next.unreadable = 0;
+                    next.add(sighting);
+                    case = Some(next);
+                    name.clear();
+                    name.push_str(id);
+                }
+            }
+            Ok::<_, E>(())
+        },
+    )?;
+    match case {
+        Some(case) => take(&name, &case),
+        None => Ok(()),
+    }
+}
+
+/// What a file says besides its rows.
+struct Told {
+    sigma_assumed: bool,
+    passed_over: Option<&'static str>,
+}
+
+/// Reads row by row: the case, and the sighting if it can be read.
+fn rows<E: From<ReadError>>(
+    input: impl BufRead,
+    assumptions: &Assumptions,
+    mut complain: impl FnMut(Complaint),
+    mut take: impl FnMut(&str, Option<Sighting<f64>>) -> Result<(), E>,
+) -> Result<Told, E> {
+    let mut rows = Rows::new(input)?;
+    let mut layout = Layout::find(&rows, assumptions)?;
+    let told = Told {
         sigma_assumed: layout.bearing_sigma.is_none()
             && assumptions.bearing_sigma.is_none()
             && !layout.directions.are_pixels(),
@@ -193,30 +314,38 @@ pub fn read(
             complain(row.complaint("`case` is empty, so the row is left out".to_owned()));
             continue;
         }
-        let case = recording.case_of(&id);
-        let wrong = match layout.sighting(row) {
+        let (sighting, wrong) = match layout.sighting(row) {
             Ok((sighting, is_finite)) => {
-                case.sightings.push(sighting);
-                (!is_finite).then(|| {
+                let wrong = (!is_finite).then(|| {
                     let case = shortened(&id);
                     format!("a number is not finite; case {case} is refused until it is corrected")
-                })
+                });
+                (Some(sighting), wrong)
             }
             Err(what) => {
-                case.unreadable += 1;
                 let case = shortened(&id);
-                Some(format!(
-                    "{what}; case {case} is left out until it is corrected"
-                ))
+                let wrong = format!("{what}; case {case} is left out until it is corrected");
+                (None, Some(wrong))
             }
         };
+        take(&id, sighting)?;
         if let Some(wrong) = wrong {
             complain(row.complaint(wrong));
         }
     }
     if !any {
-        return Err(ReadError::NoRows);
+        return Err(ReadError::NoRows.into());
     }
     layout.directions.check()?;
-    Ok(recording)
+    Ok(told)
+}
+
+impl Case {
+    /// One more of its rows.
+    fn add(&mut self, sighting: Option<Sighting<f64>>) {
+        match sighting {
+            Some(sighting) => self.sightings.push(sighting),
+            None => self.unreadable += 1,
+        }
+    }
 }

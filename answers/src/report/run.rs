@@ -17,7 +17,11 @@ use crate::record::{
 
 /// Everything there is to say about one run: table of poses, statistics, traffic, times, verdict.
 pub fn run_report(record: &RunRecord) -> String {
-    let verdict = Verdict::of(record);
+    run_report_with(record, &Verdict::of(record))
+}
+
+/// The same, with the verdict on this run, which takes long to find.
+pub fn run_report_with(record: &RunRecord, verdict: &Verdict) -> String {
     let parts = [
         format!("{}\n", record.title()),
         poses(&[record]),

@@ -3,8 +3,8 @@
 use calib_core::{
     Limits, Ray, Sighting,
     joint::{
-        JointError, JointEstimator, JointMemory, JointSettings, JointSolution, Leg, Prior,
-        Progress, workspace,
+        Capacity, JointError, JointEstimator, JointMemory, JointSettings, JointSolution, Leg,
+        Prior, Progress,
     },
     reference::{self, Known, ReferenceSettings, Stop},
     resection,
@@ -21,14 +21,20 @@ const CAMERAS: usize = 24;
 pub(super) type Joint = JointEstimator<'static, f32>;
 
 /// Memory for one walk. It is not given back: there are some thousand of them.
-fn memory() -> JointMemory<'static, f32> {
+fn memory(walk: &Walk) -> JointMemory<'static, f32> {
+    let room = Capacity {
+        cameras: CAMERAS,
+        stops: walk.places.len(),
+        bearings: walk.bearings.len(),
+        marks: 0,
+    };
     JointMemory {
-        cameras: vec![Default::default(); CAMERAS].leak(),
-        stops: vec![Default::default(); 200].leak(),
-        bearings: vec![Default::default(); 1500].leak(),
+        cameras: vec![Default::default(); room.cameras].leak(),
+        stops: vec![Default::default(); room.stops].leak(),
+        bearings: vec![Default::default(); room.bearings].leak(),
         marks: &mut [],
         visits: &mut [],
-        workspace: vec![0.0; workspace(CAMERAS, 0)].leak(),
+        workspace: vec![0.0; room.workspace()].leak(),
     }
 }
 
@@ -166,7 +172,7 @@ pub(super) fn filled(walk: &Walk, limits: &Limits<f64>, [scale, compass]: [f64; 
         },
     };
     let baseline = walk.cameras[1].x as f32;
-    let mut joint = Joint::new(memory(), baseline, settings).expect("usable settings");
+    let mut joint = Joint::new(memory(walk), baseline, settings).expect("usable settings");
     for stop in 0..walk.places.len() {
         let leg = (stop > 0).then(|| Leg {
             displacement: walk.legs[stop - 1].displacement.cast(),

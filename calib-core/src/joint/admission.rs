@@ -6,7 +6,7 @@
 //! so it is solved last, when they are settled.
 
 use super::descent::WITNESSED;
-use super::problem::{Problem, REFERENCES, Sight, Standing};
+use super::problem::{NONE, Problem, REFERENCES, Sight, Standing};
 use crate::{
     Limits, Pose, Ray, Real, Refusal, Sighting,
     numerics::real::lit,
@@ -37,7 +37,7 @@ impl<T: Real> Problem<'_, T> {
                 least
             };
             let waits = { self.cameras.get(camera) }
-                .is_some_and(|unknown| unknown.column.is_none() && unknown.tried != count);
+                .is_some_and(|unknown| !unknown.takes_part && unknown.tried != count);
             waits && bearings >= least
         })
     }
@@ -68,7 +68,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
         let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
         if let Some(unknown) = self.cameras.get_mut(camera) {
-            unknown.value.w = T::zero();
+            unknown.trust_lens();
         }
         let mut pose = None;
         if !self.repeats_itself(camera) {
@@ -90,10 +90,9 @@ impl<T: Real> Problem<'_, T> {
             unknown.tried = count;
             return false;
         };
-        unknown.value.x = pose.position.x;
-        unknown.value.y = pose.position.y;
-        unknown.value.z = pose.heading;
-        unknown.column = Some(0);
+        unknown.put(pose.position.coords);
+        unknown.turn(pose.heading);
+        unknown.takes_part = true;
         unknown.is_new = true;
         self.find_all_unmeasured();
         true
@@ -102,7 +101,7 @@ impl<T: Real> Problem<'_, T> {
     /// Puts every camera that no longer is what it was let in for back among those that wait: its
     /// target is behind it, or it is less certain than the limits allow. How many these were.
     pub(super) fn evict(&mut self, limits: &Limits<T>) -> usize {
-        // The triangle is laid out for all of them: first who, then out.
+        // Covariances are of all of them: first who, then out.
         for camera in REFERENCES..self.cameras.len() {
             let stays = !self.is_estimated(camera)
                 || (self.is_in_front(camera)
@@ -125,7 +124,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn dismiss(&mut self, camera: usize) {
         let count = self.counting(camera);
         if let Some(unknown) = self.cameras.get_mut(camera) {
-            unknown.column = None;
+            unknown.takes_part = false;
             unknown.tried = u16::try_from(count).unwrap_or(u16::MAX);
         }
     }
@@ -136,18 +135,16 @@ impl<T: Real> Problem<'_, T> {
     }
 
     fn of(&self, camera: usize) -> impl Iterator<Item = &Sight<T>> {
-        self.sights.iter().filter(move |sight| {
-            usize::from(sight.camera) == camera
-                && sight.is_bearing()
-                && sight.standing == Standing::Counts
-        })
+        self.own(camera)
+            .map(|(_, sight)| sight)
+            .filter(|sight| sight.is_bearing() && sight.standing == Standing::Counts)
     }
 
     pub(super) fn is_in_front(&self, camera: usize) -> bool {
         let quarter = T::frac_pi_2();
         self.of(camera).all(|sight| {
             let row = self.sight_row(sight);
-            row.is_some_and(|row| (row.residual / row.by_heading).abs() < quarter)
+            row.is_some_and(|row| (row.residual * sight.sigma).abs() < quarter)
         })
     }
 
@@ -208,15 +205,12 @@ impl<T: Real> Problem<'_, T> {
     /// Excludes the bearings that are off the consensus.
     fn exclude_off(&mut self, camera: usize, pose: &Pose<T>) {
         let gate = lit::<T>(GATE * GATE);
-        for n in 0..self.sights.len() {
-            let Some(sight) = self.sights.get(n) else {
-                return;
-            };
-            let counts = sight.is_bearing() && sight.standing == Standing::Counts;
-            if usize::from(sight.camera) != camera || !counts {
+        let mut next = self.cameras.get(camera).map_or(NONE, |camera| camera.last);
+        while let Some((n, sight)) = self.next_own(&mut next) {
+            if !sight.is_bearing() || sight.standing != Standing::Counts {
                 continue;
             }
-            let Some(sighting) = self.sighting(sight) else {
+            let Some(sighting) = self.sighting(&sight) else {
                 continue;
             };
             let to_target = sighting.target - pose.position;

@@ -1,13 +1,12 @@
-//! What a solve says, with covariances, from the triangle of its last pass.
+//! What a solve says, with covariances.
 
-use nalgebra::{Point2, SMatrix};
+use nalgebra::{Matrix2, Point2, SMatrix};
 
 use super::{
     Carrier, Lens, ReferenceHeadings, StopPlace,
-    problem::{COMPASS, Columns, HEADINGS, HELD, Problem, SCALE, Standing, Stop},
+    covariance::{Block, pose_of},
+    problem::{Problem, REFERENCES, SCALE, STOPS, Standing, Stop, Unknown},
     residuals::UNCHECKED,
-    sweep::Without,
-    triangle::Triangle,
 };
 use crate::{
     Pose, Real, Refusal, angle,
@@ -29,10 +28,12 @@ impl<T: Real> Problem<'_, T> {
             heading: angle::wrap_positive(value.z),
             covariance: SMatrix::zeros(),
         };
-        let Columns { place, heading, .. } = self.columns(camera).ok_or(Refusal::TooFew)?;
-        match place {
-            Some(x) => pose.covariance = self.covariance([x, x + 1, heading])?,
-            None => pose.covariance.m33 = self.covariance([heading])?.x,
+        let block = self.block(camera)?;
+        if camera < REFERENCES {
+            let [[heading, ..], ..] = block;
+            pose.covariance.m33 = heading;
+        } else {
+            pose.covariance = pose_of(&block);
         }
         Ok(pose)
     }
@@ -43,11 +44,14 @@ impl<T: Real> Problem<'_, T> {
     /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated;
     /// [`Refusal::Undetermined`].
     pub(super) fn lens(&mut self, camera: usize) -> Result<Lens<T>, Refusal> {
-        let columns = self.columns(camera).ok_or(Refusal::TooFew)?;
-        let (column, prior) =
-            { columns.lens.zip(self.common.lens_prior) }.ok_or(Refusal::TooFew)?;
-        let error = { self.cameras.get(camera) }.map_or_else(T::zero, |camera| camera.value.w);
-        let variance = self.covariance([column])?.x;
+        let unknown = self.cameras.get(camera);
+        let unknown = unknown.filter(|_| self.is_estimated(camera));
+        let (unknown, prior) = unknown.zip(self.common.lens_prior).ok_or(Refusal::TooFew)?;
+        let error = unknown.lens();
+        let place = self.axes(camera).len().saturating_sub(1);
+        let block = self.block(camera)?;
+        let variance = { block.get(place) }.and_then(|row| row.get(place).copied());
+        let variance = variance.ok_or(Refusal::Undetermined)?;
         // What the bearings alone say differs from the prior by this much; nothing if they say nothing.
         let told = prior * prior - variance;
         let is_told = told > prior * prior * lit(UNCHECKED);
@@ -62,69 +66,66 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Where a stop is. A pass for another stop than the one asked for last.
+    /// Where a stop is.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] where there is no such stop; [`Refusal::Undetermined`].
     pub(super) fn place(&mut self, stop: usize) -> Result<StopPlace<T>, Refusal> {
-        let position = self.stops.get(stop).ok_or(Refusal::TooFew)?.place;
-        self.hold(stop).ok_or(Refusal::Undetermined)?;
-        let covariance = self.covariance([HELD, HELD + 1])?;
+        let known = self.stops.get(stop).ok_or(Refusal::TooFew)?;
+        let (position, is_undetermined) = (known.place, known.is_undetermined);
+        self.tell()?;
+        let covariance = self.pair_covariance(STOPS + 2 * stop);
+        let covariance = covariance.filter(|_| !is_undetermined);
         Ok(StopPlace {
             position,
-            covariance,
+            covariance: covariance.ok_or(Refusal::Undetermined)?,
         })
     }
 
     pub(super) fn carrier(&mut self) -> Result<Carrier<T>, Refusal> {
+        self.tell()?;
+        let covariance = self.pair_covariance(SCALE);
+        let covariance = covariance.filter(|_| !self.common.is_carrier_undetermined);
         Ok(Carrier {
             scale: self.common.carrier.x,
             compass: self.common.carrier.y,
-            covariance: self.covariance([SCALE, COMPASS])?,
+            covariance: covariance.ok_or(Refusal::Undetermined)?,
         })
     }
 
     pub(super) fn reference_headings(&mut self) -> Result<ReferenceHeadings<T>, Refusal> {
         let heading = |n: usize| {
             let reference = self.cameras.get(n);
-            reference.map_or_else(T::zero, |camera| angle::wrap_positive(camera.value.z))
+            reference.map_or_else(T::zero, |camera| angle::wrap_positive(camera.heading()))
         };
+        let headings = [heading(0), heading(1)];
+        let [[first, ..], ..] = self.block(0)?;
+        let [[second, ..], ..] = self.block(1)?;
+        let with = self.camera_covariance(0, 1).ok_or(Refusal::Undetermined)?;
+        let [[with, ..], ..] = with;
         Ok(ReferenceHeadings {
-            headings: [heading(0), heading(1)],
-            covariance: self.covariance([HEADINGS, HEADINGS + 1])?,
+            headings,
+            covariance: Matrix2::new(first, with, with, second),
         })
     }
 
-    /// Makes the triangle hold a stop.
-    pub(super) fn hold(&mut self, stop: usize) -> Option<()> {
-        if self.common.held != Some(stop) {
-            self.sweep(stop, Without::Nothing)?;
-        }
-        Some(())
+    /// Covariances are there.
+    pub(super) fn tell(&mut self) -> Result<(), Refusal> {
+        self.find_covariances().ok_or(Refusal::Undetermined)
     }
 
-    /// The covariance of up to three unknowns, by their columns.
-    #[inline(never)] // for less flash
-    fn covariance<const N: usize>(
-        &mut self,
-        columns: [usize; N],
-    ) -> Result<SMatrix<T, N, N>, Refusal> {
-        let determined = |(triangle, mut vectors): (Triangle<'_, T>, [&mut [T]; 3])| {
-            for (vector, column) in vectors.iter_mut().zip(columns) {
-                vector.fill(T::zero());
-                *vector.get_mut(column)? = T::one();
-                triangle.forward_substitute(vector)?;
-            }
-            let mut covariance = SMatrix::<T, N, N>::zeros();
-            for (j, a) in vectors.iter().enumerate().take(N) {
-                for (i, b) in vectors.iter().enumerate().take(N) {
-                    *covariance.get_mut((i, j))? = dot(a, b);
-                }
-            }
-            Some(covariance)
-        };
-        let covariance = self.triangle().and_then(determined);
-        covariance.ok_or(Refusal::Undetermined)
+    /// The covariance of a camera's unknowns.
+    fn block(&mut self, camera: usize) -> Result<Block<T>, Refusal> {
+        if !self.is_estimated(camera) {
+            return Err(Refusal::TooFew);
+        }
+        self.tell()?;
+        let is_determined = |unknown: &Unknown<T>| !unknown.is_undetermined;
+        if !self.cameras.get(camera).is_some_and(is_determined) {
+            return Err(Refusal::Undetermined);
+        }
+        self.camera_covariance(camera, camera)
+            .ok_or(Refusal::Undetermined)
     }
 
     /// Measurements beyond the unknowns.
@@ -139,15 +140,15 @@ impl<T: Real> Problem<'_, T> {
         });
         // The carrier's priors are as many as its unknowns.
         let rows = sights.count() + 2 * (legs.count() + self.visits.len());
-        let cameras = self.cameras.iter().filter(|c| c.column.is_some()).count();
-        let marks = self.marks.iter().filter(|m| m.column.is_some()).count();
+        let cameras = self.cameras.iter().filter(|c| c.takes_part).count();
+        let is_visited = |mark| self.visits.iter().any(|visit| visit.mark == mark);
+        let marks = (0_u16..)
+            .take(self.marks.len())
+            .filter(|mark| is_visited(*mark));
+        let marks = marks.count();
         let unknowns = 2 * (self.stops.len() + marks) + 3 * cameras + 2;
         rows.saturating_sub(unknowns)
     }
-}
-
-pub(super) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
 }
 
 impl<T: Real> Lens<T> {

@@ -5,8 +5,7 @@
 
 use super::{
     JointSolution,
-    problem::{Problem, REFERENCES, Standing},
-    sweep::Without,
+    problem::{Problem, REFERENCES, Standing, Told},
 };
 use crate::{
     Limits, Real, Refusal, fit::Fit, numerics::minimize::STALLED_SIGMAS, numerics::real::lit,
@@ -83,7 +82,7 @@ impl<T: Real> Problem<'_, T> {
             if self.counting(camera) < WITNESSED
                 && let Some(unknown) = self.cameras.get_mut(camera)
             {
-                unknown.column = None;
+                unknown.takes_part = false;
                 unknown.tried = 0;
             }
         }
@@ -219,10 +218,9 @@ impl<T: Real> Problem<'_, T> {
     /// Puts out the camera that fits worst among those that came last.
     fn dismiss_worst(&mut self) {
         let misfit = |camera: usize| {
-            let rows = self.sights.iter().filter(|sight| {
-                usize::from(sight.camera) == camera && sight.standing == Standing::Counts
-            });
-            rows.filter_map(|sight| self.sight_row(sight))
+            let own = self.own(camera).map(|(_, sight)| sight);
+            own.filter(|sight| sight.standing == Standing::Counts)
+                .filter_map(|sight| self.sight_row(sight))
                 .fold(T::zero(), |sum, row| sum + row.residual * row.residual)
         };
         let mut worst: Option<(usize, T)> = None;
@@ -249,32 +247,31 @@ impl<T: Real> Problem<'_, T> {
     #[inline(never)] // for less flash
     pub(super) fn descend(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
         let failed = Some(Err(Refusal::DidNotConverge));
-        let last = self.stops.len().saturating_sub(1);
         descent.passes += 1;
-        let Some(pass) = self.sweep(last, Without::Nothing) else {
+        let Some(cost) = self.assemble() else {
             return failed;
         };
         let slack = |cost: T| cost * lit(ROUNDING) + lit(ROUNDING);
         let downhill = match descent.best {
-            Some(best) => pass.cost <= best + slack(best),
-            None => pass.cost.is_finite(),
+            Some(best) => cost <= best + slack(best),
+            None => cost.is_finite(),
         };
         if downhill {
-            let fell = descent.best.map(|best| best - pass.cost);
-            descent.best = Some(pass.cost);
+            let fell = descent.best.map(|best| best - cost);
+            descent.best = Some(cost);
             descent.halvings = 0;
-            let within = |sigmas: f64| pass.worth <= lit::<T>(sigmas) * lit(sigmas);
+            let Some(worth) = self.find_step() else {
+                return failed;
+            };
+            let within = |sigmas: f64| worth <= lit::<T>(sigmas) * lit(sigmas);
             // Where rounding lets nothing fall any more, being close is being there.
-            let flat = fell.is_some_and(|fell| fell.abs() <= slack(pass.cost));
+            let flat = fell.is_some_and(|fell| fell.abs() <= slack(cost));
             let stalled = flat && descent.stalled && within(STALLED_SIGMAS);
             let done = within(CONVERGED_SIGMAS) || stalled;
             descent.stalled = flat;
-            if self.find_step().is_none() {
-                return failed;
-            }
             self.go(T::one());
             if done {
-                return Some(Ok(pass.cost - pass.worth));
+                return Some(Ok(cost - worth));
             }
         } else if descent.best.is_none() {
             return failed;
@@ -289,10 +286,9 @@ impl<T: Real> Problem<'_, T> {
         if descent.passes < PASS_LIMIT && descent.halvings <= HALVINGS {
             return None;
         }
-        // Back to the best, and the triangle with it, so that whoever looks for what contradicts finds
-        // the residuals there.
+        // Back to the best; whoever looks for what contradicts finds the residuals there.
         self.go(-T::one());
-        self.sweep(last, Without::Nothing);
+        self.common.told = Told::Equations;
         failed
     }
 
@@ -300,12 +296,12 @@ impl<T: Real> Problem<'_, T> {
     fn go(&mut self, length: T) {
         self.common.carrier += self.common.carrier_step * length;
         for unknown in self.cameras.iter_mut().chain(self.marks.iter_mut()) {
-            unknown.value += unknown.step * length;
+            for (value, step) in unknown.value.iter_mut().zip(unknown.step) {
+                *value += step * length;
+            }
         }
         for stop in self.stops.iter_mut() {
-            let [x, y, ..] = stop.chain;
-            stop.place.x += x * length;
-            stop.place.y += y * length;
+            stop.place += stop.step * length;
         }
     }
 
@@ -313,12 +309,12 @@ impl<T: Real> Problem<'_, T> {
         let half = lit::<T>(0.5);
         self.common.carrier_step *= half;
         for unknown in self.cameras.iter_mut().chain(self.marks.iter_mut()) {
-            unknown.step *= half;
+            for step in &mut unknown.step {
+                *step *= half;
+            }
         }
         for stop in self.stops.iter_mut() {
-            let [x, y, ..] = &mut stop.chain;
-            *x *= half;
-            *y *= half;
+            stop.step *= half;
         }
     }
 }

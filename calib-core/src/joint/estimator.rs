@@ -4,15 +4,16 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace, StopTag,
+    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, Solver, StopPlace, Undetermined,
+    equations::Layout,
     integrity::IN_A_ROW,
     problem::{
-        Common, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Unknown, Visit,
-        root_information,
+        Common, LENS, NONE, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Told, Unknown,
+        Visit, root_information,
     },
     round::Work,
 };
-use crate::{Limits, Pose, Real, Refusal};
+use crate::{Limits, Pose, Real, Refusal, numerics::real::lit};
 
 /// Where an estimator keeps its measurements and estimates: the caller's, so that it is there once,
 /// wherever that is, and as large as is needed. What is in it before does not matter.
@@ -28,7 +29,7 @@ pub struct JointMemory<'m, T: Real> {
     pub marks: &'m mut [Unknown<T>],
     /// One for each visit to a mark.
     pub visits: &'m mut [Visit<T>],
-    /// As many numbers as [`workspace`](super::workspace) says, or more.
+    /// As many numbers as [`Capacity::workspace`](super::Capacity::workspace) says, or more.
     pub workspace: &'m mut [T],
 }
 
@@ -50,6 +51,7 @@ pub struct JointEstimator<'m, T: Real> {
     pub(super) cameras: &'m mut [Unknown<T>],
     marks: &'m mut [Unknown<T>],
     workspace: &'m mut [T],
+    solver: Option<&'m mut dyn Solver<T>>,
 }
 
 /// Values, as many as came.
@@ -109,11 +111,20 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// # Errors
     /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero;
     /// [`JointError::Memory`], also if lenses are to be estimated and the workspace is less than
-    /// [`workspace_with_lenses`](super::workspace_with_lenses).
+    /// [`Capacity::workspace_with_lenses`](super::Capacity::workspace_with_lenses).
     pub fn new(
         memory: JointMemory<'m, T>,
         baseline: T,
         settings: JointSettings<T>,
+    ) -> Result<Self, JointError> {
+        Self::new_with(memory, baseline, settings, false)
+    }
+
+    fn new_with(
+        memory: JointMemory<'m, T>,
+        baseline: T,
+        settings: JointSettings<T>,
+        has_solver: bool,
     ) -> Result<Self, JointError> {
         check(baseline, &settings)?;
         let JointSettings {
@@ -133,7 +144,14 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             workspace,
         } = memory;
         let most = usize::from(u16::MAX);
-        let least = super::problem::workspace(cameras.len(), marks.len(), lens.is_some());
+        let block = if lens.is_some() { LENS + 1 } else { LENS };
+        let (stop_count, sight_count) = (stops.len(), bearings.len());
+        let layout = Layout::new(cameras.len(), stop_count, sight_count, marks.len(), block);
+        let least = if has_solver {
+            layout.without_kept().workspace()
+        } else {
+            layout.workspace()
+        };
         let is_enough = workspace.len() >= least;
         if !is_enough || cameras.len() < REFERENCES || stops.len() > most || cameras.len() > most {
             return Err(JointError::Memory);
@@ -146,14 +164,18 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 baseline,
                 scale_prior: scale,
                 compass_prior: compass,
-                standing,
+                standing: stands(standing, baseline),
                 lens_prior: lens,
                 carrier: Vector2::new(scale.mean, compass.mean),
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
-                held: None,
+                told: Told::Nothing,
+                undetermined: None,
+                is_carrier_undetermined: false,
                 is_started: false,
                 window: [0, u16::MAX],
+                is_whole: has_solver,
+                left_out: None,
                 suspect: None,
             },
             limits,
@@ -165,7 +187,25 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             cameras,
             marks,
             workspace,
+            solver: None,
         })
+    }
+
+    /// An estimator as of [`new`](Self::new), of a walk of so many stops that all unknowns together are the solver's:
+    /// its workspace needs to be as large as [`Capacity::workspace_beside_solver`](super::Capacity) says.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    #[cfg(feature = "solver")]
+    pub fn with_solver(
+        memory: JointMemory<'m, T>,
+        solver: &'m mut dyn Solver<T>,
+        baseline: T,
+        settings: JointSettings<T>,
+    ) -> Result<Self, JointError> {
+        let mut joint = Self::new_with(memory, baseline, settings, true)?;
+        joint.solver = Some(solver);
+        Ok(joint)
     }
 
     /// Appoints other references: camera `first` becomes camera 0 and `second` camera 1, which give
@@ -213,11 +253,11 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         common.baseline = baseline;
         common.scale_prior = settings.scale;
         common.compass_prior = settings.compass;
-        common.standing = settings.standing;
+        common.standing = stands(settings.standing, baseline);
         // Whether lenses are estimated stays: the workspace is laid out for that.
         common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
         common.leg_factor = T::one();
-        common.held = None;
+        common.told = Told::Nothing;
         common.suspect = None;
         common.is_started = false;
         for camera in &mut *self.cameras {
@@ -234,7 +274,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.sights.len = 0;
         self.visits.len = 0;
         self.common.is_started = false;
-        self.common.held = None;
+        self.common.told = Told::Nothing;
         self.common.suspect = None;
         self.common.leg_factor = T::one();
         for unknown in self.cameras.iter_mut().chain(self.marks.iter_mut()) {
@@ -264,9 +304,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             place: Point2::origin(),
             displacement,
             root,
-            standing: Standing::Counts,
-            tag: StopTag::default(),
-            chain: [T::zero(); 5],
+            ..Stop::default()
         })
     }
 
@@ -327,6 +365,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             value,
             sigma,
             standing: Standing::Counts,
+            next: NONE,
         })?;
         Ok(())
     }
@@ -419,8 +458,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a
     /// camera has seen since some stop. If chance does so only once in 100,000 it is left out, and
     /// everything solved again. `None` if nothing contradicts. To be called until then, some times
-    /// at most; takes a pass for each stop, and more where a camera is under suspicion. May follow a
-    /// solve that came to no end because of contradictions; another solve tells whether it now does.
+    /// at most. May follow a solve that came to no end because of contradictions; another solve tells whether it now does.
     ///
     /// # Errors
     /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.
@@ -456,7 +494,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     }
 
     /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)
-    /// then tells. A pass for each stop.
+    /// then tells. No pass: from the covariances that the last solve told.
     ///
     /// # Errors
     /// As [`check`](JointEstimator::check).
@@ -492,10 +530,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
     /// [`protect`](JointEstimator::protect) found it; `None` for one without a pose, and references.
     pub fn protection(&self, camera: usize) -> Option<ProtectionLevels<T>> {
-        let camera = self
-            .cameras
-            .get(camera)
-            .filter(|camera| camera.column.is_some());
+        let camera = self.cameras.get(camera).filter(|camera| camera.takes_part);
         camera.map(|camera| camera.protection)
     }
 
@@ -516,7 +551,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.lens(camera)
     }
 
-    /// Where a stop is, from all measurements. The last one costs next to nothing, any other a pass.
+    /// Where a stop is, from all measurements.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve or for a stop there is not;
@@ -541,8 +576,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.reference_headings()
     }
 
-    /// What is left of bearing or range `n`, in the order in which they were added. A pass for each
-    /// other stop.
+    /// What is left of bearing or range `n`, in the order in which they were added.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve, for a camera without a pose or a bearing there is
@@ -551,13 +585,19 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.bearing_residual(n)
     }
 
-    /// What is left of the leg to a stop. A pass for each.
+    /// What is left of the leg to a stop.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve and where no leg was measured;
     /// [`Refusal::Undetermined`].
     pub fn leg_residual(&mut self, stop: usize) -> Result<LegResidual<T>, Refusal> {
         self.solved()?.leg_residual(stop)
+    }
+
+    /// The first unknown that measurements do not determine, if there is one. What hangs on it is
+    /// [`Refusal::Undetermined`].
+    pub fn undetermined(&self) -> Option<Undetermined> {
+        self.common.undetermined
     }
 
     /// Whether this camera's bearing at this stop came already.
@@ -617,7 +657,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 if usize::from(sight.stop) == n && sight.standing == Standing::Counts {
                     let is_own = usize::from(sight.camera) == camera;
                     let of = self.cameras.get(usize::from(sight.camera));
-                    let is_estimated = of.is_some_and(|of| of.column.is_some());
+                    let is_estimated = of.is_some_and(|of| of.takes_part);
                     own += usize::from(is_own);
                     let is_reference = usize::from(sight.camera) < REFERENCES;
                     others += usize::from(!is_own && (is_estimated || is_reference));
@@ -647,7 +687,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         if self.work.is_under_way() {
             return Err(Refusal::DidNotConverge);
         }
-        if !self.common.is_started || self.common.held.is_none() {
+        if !self.common.is_started || self.common.told == Told::Nothing {
             return Err(Refusal::TooFew);
         }
         Ok(self.work().1)
@@ -659,6 +699,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.counted = [self.stops.len, self.sights.len, self.visits.len];
         let mut problem = self.work().1;
         problem.sort_moved();
+        problem.link();
         if problem.common.is_started {
             for stop in stops..problem.stops.len() {
                 problem.reckon_on(stop);
@@ -680,6 +721,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             cameras: self.cameras,
             marks: self.marks,
             workspace: self.workspace,
+            solver: self
+                .solver
+                .as_mut()
+                .map(|solver| &mut **solver as &mut dyn Solver<T>),
         };
         (&mut self.work, problem)
     }
@@ -697,6 +742,17 @@ fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointE
         return Err(JointError::NotFinite);
     }
     Ok(())
+}
+
+/// How still a target stands, at least, in roots of the square root of the last digit, cubed.
+const LEAST_STANDING: f64 = 4.0;
+
+/// How still a target stands, at least: right before a camera one bearing would else tell so much that single
+/// precision has no digits left for what all others tell. It is a quarter of a millimetre of a baseline of ten
+/// metres there, and nothing in double precision.
+fn stands<T: Real>(standing: T, baseline: T) -> T {
+    let root = T::default_epsilon().sqrt();
+    standing.max(baseline * root * root.sqrt() * lit(LEAST_STANDING))
 }
 
 /// The last finding of a round, and how it ended.

@@ -7,6 +7,10 @@
 //! residuals large. Baarda's data snooping; as receivers of satellite navigation check themselves
 //! (RAIM). What was left out and agrees later comes back.
 //!
+//! All of it comes from the covariances that a solve tells, without another pass. By how much chi squared falls
+//! without a camera's last sights is `r^T (1 - H)^-1 r` of these, `H` being the covariance of what is foretold
+//! of them.
+//!
 //! **Protection level.** A fault of a measurement that its test just misses moves an unknown by at most
 //! `|C g| (4.42 + 3.09) / sqrt(1 - h)`: limit of the test plus the margin with which it misses one
 //! in a thousand, in sigmas of the measurement. The largest over all measurements, and 3.09 sigmas
@@ -16,16 +20,15 @@
 use super::{
     Finding, ProtectionLevels,
     descent::ENOUGH,
-    problem::{Problem, Quantity, REFERENCES, Sight, Standing, Suspect},
+    problem::{NONE, Problem, Quantity, REFERENCES, Sight, Standing, Suspect, Told},
     residuals::UNCHECKED,
-    sweep::{Pass, Without},
-    triangle::packed,
 };
 use crate::{Real, Refusal, numerics::real::lit};
 
 /// Strength of a statistic that chance exceeds once in 100,000: 4.42 sigmas of a single one.
 const LIMIT: f64 = 11.51;
-/// A camera is looked at as a whole once chance exceeds one of its bearings only once in a hundred.
+/// A camera is looked at as a whole once chance exceeds one of its bearings only once in a hundred, or in a
+/// twentieth of all bearings if that is rarer.
 const SUSPICION: f64 = 4.6;
 /// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
 /// exceed them to be missed once in a thousand.
@@ -78,22 +81,22 @@ fn strength<T: Real>(chi_squared: T, degrees_of_freedom: usize) -> T {
         + (T::one() - beyond_two / chi_squared).ln()
 }
 
-/// What a look at every stop tells, one after the other.
+/// What a look at every measurement tells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Survey<T> {
     /// Next.
-    stop: usize,
+    camera: usize,
     protects: bool,
     strongest: Option<(Finding<T>, T)>,
+    /// The strongest of what is no camera as a whole.
+    single: Option<(Finding<T>, T)>,
     /// The leg that may be to blame for a suspect, and its chi squared.
     leg: Option<(usize, T)>,
     /// Of the legs: the sum of their squared residuals, in claimed sigmas, and what it averages.
     squares: T,
     redundancy: T,
-    /// Camera and stop whose tail comes next.
-    tail: (usize, usize),
-    /// Chi squared with all tails.
-    all: Option<T>,
+    /// What comes next once all measurements were looked at: the last sights of this camera.
+    tail: Option<usize>,
 }
 
 impl<T: Real> Survey<T> {
@@ -115,8 +118,13 @@ impl<T: Real> Survey<T> {
     fn offer(&mut self, found: Finding<T>, strength: T, odds: f64) {
         if strength > lit(LIMIT) {
             let weighed = strength * lit(odds);
-            if self.strongest.is_none_or(|(_, most)| weighed > most) {
+            let is_more =
+                |than: &Option<(Finding<T>, T)>| than.is_none_or(|(_, most)| weighed > most);
+            if is_more(&self.strongest) {
                 self.strongest = Some((found, weighed));
+            }
+            if !matches!(found, Finding::Camera { .. }) && is_more(&self.single) {
+                self.single = Some((found, weighed));
             }
         }
     }
@@ -133,179 +141,242 @@ impl<T: Real> Problem<'_, T> {
             }
         }
         Survey {
-            stop: 0,
+            camera: 0,
             protects,
             strongest: None,
+            single: None,
             leg: None,
             squares: T::zero(),
             redundancy: T::zero(),
-            tail: (0, 1),
-            all: None,
+            tail: None,
         }
     }
 
-    /// One stop, or, if it looks for what contradicts, one tail of a camera under suspicion.
+    /// What one camera saw, and what that and everything else does to it; with the first of them all legs. Or, if
+    /// it looks for what contradicts, the last sights of a camera under suspicion.
     #[inline(never)] // for less flash
     pub(super) fn step_survey(
         &mut self,
         survey: &mut Survey<T>,
         looks: bool,
     ) -> Option<Result<(), Refusal>> {
-        if survey.stop < self.stops.len() {
-            if self.survey_stop(survey).is_none() {
+        let Some(tail) = survey.tail else {
+            if self.survey_camera(survey).is_none() {
                 return Some(Err(Refusal::Undetermined));
             }
-            survey.stop += 1;
-            if survey.stop < self.stops.len() {
+            survey.camera += 1;
+            if survey.camera < self.cameras.len() {
                 return None;
             }
-            if survey.protects {
-                self.add_noise();
-            }
+            survey.tail = Some(0);
             return (!looks).then_some(Ok(()));
-        }
-        match self.next_tail(survey.tail) {
-            None => Some(Ok(())),
-            Some((camera, from)) => {
-                survey.tail = (camera, from);
-                let surveyed = self.survey_tail(survey);
-                surveyed.is_none().then_some(Err(Refusal::Undetermined))
-            }
-        }
+        };
+        let is_suspect = |camera: &usize| self.cameras.get(*camera).is_some_and(|c| c.is_new);
+        let Some(camera) = (tail..self.cameras.len()).find(is_suspect) else {
+            self.verify(survey);
+            return Some(Ok(()));
+        };
+        survey.tail = Some(camera + 1);
+        let surveyed = self.survey_tails(survey, camera);
+        surveyed.is_none().then_some(Err(Refusal::Undetermined))
     }
 
-    fn survey_stop(&mut self, survey: &mut Survey<T>) -> Option<()> {
-        let stop = survey.stop;
-        self.hold(stop)?;
-        for n in 0..self.sights.len() {
-            let sight = self.sights.get(n)?;
-            let camera = usize::from(sight.camera);
-            let counts = sight.standing == Standing::Counts && self.is_estimated(camera);
-            if usize::from(sight.stop) != stop || !counts {
+    fn survey_camera(&mut self, survey: &mut Survey<T>) -> Option<()> {
+        self.tell().ok()?;
+        let camera = survey.camera;
+        if camera == 0 {
+            self.survey_legs(survey);
+        }
+        let suspicion = self.suspicion(SUSPICION);
+        let mut next = self.cameras.get(camera).map_or(NONE, |camera| camera.last);
+        while let Some((n, sight)) = self.next_own(&mut next) {
+            if sight.standing != Standing::Counts {
                 continue;
             }
             // What is not determined contradicts nothing, and moves nothing.
-            let Ok(residual) = self.bearing_residual(n) else {
-                continue;
-            };
-            if survey.protects {
-                self.add_influence(0, residual.redundancy, false)?;
-            }
-            let Some(off) = residual.normalised else {
+            let residual = self.bearing_residual(n).ok();
+            let off = residual.and_then(|residual| Some((residual, residual.normalised?)));
+            let Some((residual, off)) = off else {
                 continue;
             };
             let strength = strength(off * off, 1);
-            let odds = if self.repeats(n) { OF_REPEATED } else { 1.0 };
+            let is_strong = strength > lit(LIMIT);
+            let odds = if is_strong && self.repeats(n) {
+                OF_REPEATED
+            } else {
+                1.0
+            };
+            let stop = residual.stop;
             let found = match residual.quantity {
                 Quantity::Bearing => Finding::Bearing { stop, camera, off },
                 Quantity::Range => Finding::Range { stop, camera, off },
             };
             survey.offer(found, strength, odds);
             if let Some(camera) = self.cameras.get_mut(camera) {
-                camera.is_new |= strength > lit(SUSPICION);
+                camera.is_new |= strength > suspicion;
             }
         }
-        let Ok((leg, redundancies)) = self.whole_leg_residual(stop + 1) else {
-            return Some(());
-        };
-        if leg.standing != Standing::Counts {
-            return Some(());
-        }
-        if survey.protects {
-            for (vector, redundancy) in redundancies.into_iter().enumerate() {
-                self.add_influence(vector, redundancy, true)?;
-            }
-        }
-        survey.squares += leg.squared;
-        survey.redundancy += leg.redundancy;
-        let found = Finding::Leg {
-            stop: leg.stop,
-            chi_squared: leg.chi_squared,
-        };
-        let strength = strength(leg.chi_squared, leg.degrees_of_freedom);
-        survey.offer(found, strength, OF_LEG);
-        if strength > lit(LIMIT)
-            && self.may_be_blamed(leg.stop)
-            && survey.leg.is_none_or(|(_, most)| leg.chi_squared > most)
-        {
-            survey.leg = Some((leg.stop, leg.chi_squared));
+        if survey.protects && camera >= REFERENCES && self.is_estimated(camera) {
+            self.protect(camera);
         }
         Some(())
     }
 
-    /// Whether a bearing is to the bit what its camera saw before.
-    fn repeats(&self, n: usize) -> bool {
-        let (before, from) = self.sights.split_at_checked(n).unwrap_or_default();
-        from.first().is_some_and(|sight| {
-            let last = before
-                .iter()
-                .rev()
-                .find(|other| other.camera == sight.camera && other.quantity == sight.quantity);
-            last.is_some_and(|last| last.stop != sight.stop && last.value == sight.value)
-        })
+    fn survey_legs(&mut self, survey: &mut Survey<T>) {
+        for later in 1..self.stops.len() {
+            let Ok(leg) = self.leg_residual(later) else {
+                continue;
+            };
+            if leg.standing != Standing::Counts {
+                continue;
+            }
+            survey.squares += leg.squared;
+            survey.redundancy += leg.redundancy;
+            let found = Finding::Leg {
+                stop: leg.stop,
+                chi_squared: leg.chi_squared,
+            };
+            let strength = strength(leg.chi_squared, leg.degrees_of_freedom);
+            survey.offer(found, strength, OF_LEG);
+            if strength > lit(LIMIT)
+                && self.may_be_blamed(leg.stop)
+                && survey.leg.is_none_or(|(_, most)| leg.chi_squared > most)
+            {
+                survey.leg = Some((leg.stop, leg.chi_squared));
+            }
+        }
     }
 
-    /// The next tail, from one on: of a camera under suspicion, with [`IN_A_ROW`] bearings or more,
-    /// the first of them at this very stop, that leaves it enough for a pose.
-    fn next_tail(&self, (camera, from): (usize, usize)) -> Option<(usize, usize)> {
-        let mut from = from;
-        for camera in camera..self.cameras.len() {
-            if self.cameras.get(camera).is_some_and(|camera| camera.is_new) {
-                for stop in from..self.stops.len() {
-                    let tail = self.tail(camera, stop);
-                    let begins = tail.clone().any(|sight| usize::from(sight.stop) == stop);
-                    let (tail, all) = (tail.count(), self.counting(camera));
-                    if begins && tail >= IN_A_ROW && all - tail >= ENOUGH {
-                        return Some((camera, stop));
-                    }
-                }
-            }
-            from = 1;
+    /// What a fault of any measurement may do to a camera, and noise without a fault.
+    fn protect(&mut self, camera: usize) {
+        let mut levels = ProtectionLevels::<T>::default();
+        let told = self.influences(camera, |moved, redundancy, is_leg| {
+            let size = lit::<T>(DETECTED) / redundancy.max(lit(LEAST_REDUNDANCY)).sqrt();
+            let &[x, y, heading, ..] = moved else { return };
+            let position = (x * x + y * y).sqrt() * size;
+            let (of_position, of_heading) = if is_leg {
+                (&mut levels.position_leg, &mut levels.heading_leg)
+            } else {
+                (&mut levels.position_bearing, &mut levels.heading_bearing)
+            };
+            *of_position = of_position.max(position);
+            *of_heading = of_heading.max(heading.abs() * size);
+        });
+        let (Some(()), Ok(pose)) = (told, self.pose(camera)) else {
+            return;
+        };
+        let noise = lit::<T>(NOISE);
+        for level in [&mut levels.position_bearing, &mut levels.position_leg] {
+            *level += pose.sigma_position() * noise;
         }
-        None
+        for level in [&mut levels.heading_bearing, &mut levels.heading_leg] {
+            *level += pose.sigma_heading() * noise;
+        }
+        if let Some(camera) = self.cameras.get_mut(camera) {
+            camera.protection = levels;
+        }
+    }
+
+    /// Whether a bearing is to the bit what its camera saw before.
+    fn repeats(&self, n: usize) -> bool {
+        let Some(sight) = self.sights.get(n) else {
+            return false;
+        };
+        let is_before = |m: usize, other: &Sight<T>| {
+            let is_same_stop = other.stop == sight.stop && m < n;
+            other.quantity == sight.quantity && (other.stop < sight.stop || is_same_stop)
+        };
+        let mut own = self.own(usize::from(sight.camera));
+        let last = own.find(|(m, other)| *m != n && is_before(*m, other));
+        last.is_some_and(|(_, last)| last.stop != sight.stop && last.value == sight.value)
     }
 
     fn tail(&self, camera: usize, from: usize) -> impl Iterator<Item = &Sight<T>> + Clone {
-        self.sights.iter().filter(move |sight| {
-            usize::from(sight.camera) == camera
-                && sight.is_bearing()
+        let own = self.own(camera).map(|(_, sight)| sight);
+        own.filter(move |sight| {
+            sight.is_bearing()
                 && usize::from(sight.stop) >= from
                 && sight.standing == Standing::Counts
         })
     }
 
-    /// What everything that a camera saw since a stop contradicts: chi squared with it less chi
-    /// squared without.
-    fn survey_tail(&mut self, survey: &mut Survey<T>) -> Option<()> {
-        let last = self.stops.len().checked_sub(1)?;
-        let chi_squared = |pass: Pass<T>| pass.cost - pass.worth;
-        let Some(all) = survey.all else {
-            survey.all = Some(chi_squared(self.sweep(last, Without::Nothing)?));
-            return Some(());
+    /// What everything that a camera saw since a stop contradicts: by how much chi squared falls without. Of
+    /// [`IN_A_ROW`] bearings or more, which leave it enough for a pose.
+    fn survey_tails(&mut self, survey: &mut Survey<T>, camera: usize) -> Option<()> {
+        let all = self.counting(camera);
+        let mut offered = *survey;
+        self.tails(camera, |problem, count, fallen| {
+            let mut counting = { problem.own(camera).map(|(_, sight)| sight) }
+                .filter(|sight| sight.standing == Standing::Counts)
+                .skip(count.saturating_sub(1));
+            let Some(last) = counting.next() else { return };
+            let from = usize::from(last.stop);
+            let goes_on = counting.next().is_some_and(|sight| sight.stop == last.stop);
+            let bearings = problem.tail(camera, from).count();
+            if goes_on || bearings < IN_A_ROW || all < bearings + ENOUGH {
+                return;
+            }
+            let strength = strength(fallen, bearings);
+            let found = Finding::Camera {
+                camera,
+                from,
+                chi_squared: fallen,
+            };
+            if strength > lit(LIMIT) {
+                let mut later = { problem.own(camera) }
+                    .filter(|(_, sight)| sight.is_bearing() && usize::from(sight.stop) > from);
+                let odds = if later.all(|(n, _)| problem.repeats(n)) {
+                    OF_REPEATED
+                } else {
+                    1.0
+                };
+                offered.offer(found, strength, OF_TAIL * odds);
+            }
+        })?;
+        *survey = offered;
+        Some(())
+    }
+
+    /// Solves without what a camera is blamed for: where nothing fits, and estimates came to no end, closed forms in
+    /// single precision say too much of a camera right before the target. What does not stand that is nothing.
+    fn verify(&mut self, survey: &mut Survey<T>) {
+        let Some((found, weighed)) = survey.strongest else {
+            return;
         };
-        let (camera, from) = survey.tail;
-        let without = Without::Tail {
-            camera: u16::try_from(camera).ok()?,
-            from: u16::try_from(from).ok()?,
+        let Finding::Camera {
+            camera,
+            from,
+            chi_squared,
+        } = found
+        else {
+            return;
         };
-        let rest = chi_squared(self.sweep(last, without)?);
+        let chi_squared_with = |problem: &mut Self| {
+            let cost = problem.assemble()?;
+            Some(cost - problem.find_step()?)
+        };
+        let all = chi_squared_with(self);
+        self.common.left_out = Some((camera, from));
+        let rest = chi_squared_with(self);
+        self.common.left_out = None;
+        self.common.told = Told::Equations;
+        let (Some(all), Some(rest)) = (all, rest) else {
+            return;
+        };
+        let bearings = self.tail(camera, from).count();
+        let odds = weighed / strength(chi_squared, bearings);
+        let fallen = all - rest;
         let found = Finding::Camera {
             camera,
             from,
-            chi_squared: all - rest,
+            chi_squared: fallen,
         };
-        let strength = strength(all - rest, self.tail(camera, from).count());
-        let repeated = { self.sights.iter().enumerate() }
-            .filter(|(_, sight)| usize::from(sight.camera) == camera && sight.is_bearing())
-            .filter(|(_, sight)| usize::from(sight.stop) > from);
-        let odds = if repeated.map(|(n, _)| n).all(|n| self.repeats(n)) {
-            OF_REPEATED
-        } else {
-            1.0
-        };
-        survey.offer(found, strength, OF_TAIL * odds);
-        survey.tail = (camera, from + 1);
-        Some(())
+        survey.strongest = survey.single;
+        let strength = strength(fallen, bearings);
+        if strength > lit(LIMIT) && { survey.single }.is_none_or(|(_, most)| strength * odds > most)
+        {
+            survey.strongest = Some((found, strength * odds));
+        }
     }
 
     /// Leaves out what was found. A camera whose last bearings are all off is no longer what it was, or the
@@ -504,12 +575,7 @@ impl<T: Real> Problem<'_, T> {
     /// Believes no prior of the carrier that all measurements together contradict more strongly than
     /// anything else does: it is widened to what it errs. Whether there was one.
     pub(super) fn widen_priors(&mut self, survey: &Survey<T>) -> bool {
-        let held = self
-            .stops
-            .len()
-            .checked_sub(1)
-            .and_then(|last| self.hold(last));
-        let Some(carrier) = held.and_then(|()| self.carrier().ok()) else {
+        let Ok(carrier) = self.carrier() else {
             return false;
         };
         let least = lit::<T>(LIMIT).max(survey.strength());
@@ -537,57 +603,6 @@ impl<T: Real> Problem<'_, T> {
             }
         }
         has_widened
-    }
-
-    /// What noise does without any fault, on top of what one fault does.
-    fn add_noise(&mut self) {
-        for n in REFERENCES..self.cameras.len() {
-            let Ok(pose) = self.pose(n) else { continue };
-            let Some(camera) = self.cameras.get_mut(n) else {
-                break;
-            };
-            let noise = lit::<T>(NOISE);
-            let levels = &mut camera.protection;
-            for level in [&mut levels.position_bearing, &mut levels.position_leg] {
-                *level += pose.sigma_position() * noise;
-            }
-            for level in [&mut levels.heading_bearing, &mut levels.heading_leg] {
-                *level += pose.sigma_heading() * noise;
-            }
-        }
-    }
-
-    /// What a fault of a measurement does to every camera. Its row, forward substituted, is in one of
-    /// the vectors.
-    fn add_influence(&mut self, vector: usize, redundancy: T, is_leg: bool) -> Option<()> {
-        let width = self.width();
-        let (triangle, mut vectors) = self.triangle()?;
-        let g = vectors.get_mut(vector)?;
-        let redundancy = redundancy.max(lit(LEAST_REDUNDANCY));
-        triangle.back_substitute(g);
-        let size = lit::<T>(DETECTED) / redundancy.sqrt();
-        let offset = packed(width) + vector * width;
-        let numbers = &*self.workspace;
-        let at = |column: usize| {
-            let number = numbers.get(offset + column).copied();
-            number.unwrap_or_else(T::zero) * size
-        };
-        for camera in self.cameras.iter_mut().skip(REFERENCES) {
-            let Some(column) = camera.column.map(usize::from) else {
-                continue;
-            };
-            let (x, y) = (at(column), at(column + 1));
-            let (position, heading) = ((x * x + y * y).sqrt(), at(column + 2).abs());
-            let levels = &mut camera.protection;
-            let (of_position, of_heading) = if is_leg {
-                (&mut levels.position_leg, &mut levels.heading_leg)
-            } else {
-                (&mut levels.position_bearing, &mut levels.heading_bearing)
-            };
-            *of_position = of_position.max(position);
-            *of_heading = of_heading.max(heading);
-        }
-        Some(())
     }
 }
 

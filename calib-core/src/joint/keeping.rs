@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::{
     JointError, JointEstimator, Leg, Quantity,
-    problem::{REFERENCES, Sight, Standing, Stop, root_information},
+    problem::{REFERENCES, Sight, Standing, Stop, Told, root_information},
     round::Work,
 };
 use crate::{Real, angle::wrap_signed, numerics::real::lit};
@@ -112,7 +112,7 @@ impl<T: Real> JointEstimator<'_, T> {
         stop.tag = tag;
         // Where it began, until all are there.
         if let Some(leg) = leg {
-            stop.chain = [lit(f64::from(leg.from)); 5];
+            stop.step.x = lit(f64::from(leg.from));
         }
         Ok(())
     }
@@ -136,7 +136,7 @@ impl<T: Real> JointEstimator<'_, T> {
         self.stops.len = count;
         let mut before = None;
         for stop in self.stops.all_mut() {
-            let [from, ..] = core::mem::replace(&mut stop.chain, [T::zero(); 5]);
+            let from = core::mem::replace(&mut stop.step.x, T::zero());
             if before.is_none_or(|before: u16| lit::<T>(f64::from(before)) != from) {
                 forget_leg(stop);
             }
@@ -245,7 +245,7 @@ impl<T: Real> JointEstimator<'_, T> {
         }
         self.dismiss_blind();
         self.work = Work::new();
-        self.common.held = None;
+        self.common.told = Told::Nothing;
         let [stops, ..] = self.counted;
         let stops = stops - usize::from(stop < stops);
         self.counted = [stops, self.sights.len, self.visits.len];
@@ -259,7 +259,7 @@ impl<T: Real> JointEstimator<'_, T> {
             if counting < FEWEST
                 && let Some(unknown) = self.cameras.get_mut(camera)
             {
-                unknown.column = None;
+                unknown.takes_part = false;
             }
         }
     }

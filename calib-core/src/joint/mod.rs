@@ -14,16 +14,25 @@
 //! what contradicts.
 //!
 //! # How
-//! **Square-root information smoothing, stops eliminated along the walk.** Whitened and linearised
-//! around the present estimates, every measurement is a row of `J x = r`. Rows are rotated into the
-//! R factor of its QR decomposition one by one. Only legs tie stops to each other: once a stop's
-//! bearings and the leg to the next one are in, its place is eliminated, and R stays as small as
-//! what is kept: cameras, headings, carrier. Solved, a second sweep gives the places. Each pass begins
-//! with the raw measurements, so all is linearised anew, and any measurement can be taken out or put
-//! back at no cost. Dellaert and Kaess, "Square root SAM", Int. J. Robotics Research 25(12), 2006;
-//! Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977. In single precision
-//! the square-root form errs by less than a thousandth of a posterior sigma where normal equations
-//! lose up to a whole one.
+//! **Cameras are eliminated, carrier and stops are kept.** Whitened and linearised around the present estimates,
+//! every measurement is a row of `J x = r`. No row has unknowns of two cameras, so each camera's block, three unknowns
+//! or four with its lens, is eliminated by itself (Schur complement; Triggs et al., "Bundle adjustment: a modern
+//! synthesis", 2000). What is kept is as large as the walk, whatever the number of cameras and of their unknowns: a
+//! packed matrix that Cholesky's factor replaces, and the inverse replaces that. One pass so gives the step; and
+//! its last factor all covariances: of cameras, stops and carrier, and how much of each measurement's error shows.
+//! Residual tests, leaving out and protection levels are closed forms of these, without a pass of their own. Each
+//! pass begins with the raw measurements, so all is linearised anew, and any measurement can be taken out or put
+//! back at no cost.
+//!
+//! **In single precision** normal equations as they stand lose up to a whole posterior sigma where legs are much
+//! surer than cameras. Two things keep that away. Legs are not rows but unknowns: what is solved for is by how much
+//! each leg errs, in its sigmas, so that what legs say is the identity and what cameras add to it is not lost beside
+//! it. And a camera is eliminated by orthogonal rows, so that its own square is never subtracted from itself. Steps
+//! then err by some thousandths of a posterior sigma, sigmas by less than 0.3 %, walks with hardly any redundancy
+//! included.
+//!
+//! Walks too long for that, of many hundreds of stops on a computer, have all unknowns solved together by a
+//! [`Solver`] of the caller's.
 //!
 //! Closed forms propose where to begin: the [reference solve](mod@crate::reference) over the stops
 //! that both references saw, dead reckoning, and for each camera the [consensus of
@@ -51,24 +60,25 @@
 //!
 //! # In slices
 //! [`begin`](JointEstimator::begin) begins a [`Round`], and each call of
-//! [`step`](JointEstimator::step) does about one pass of it, so that a slow processor can do
+//! [`step`](JointEstimator::step) does at most one pass of it, or what a camera's tests take, so that a slow processor can do
 //! something else in between. [`solve`](JointEstimator::solve) and the others are rounds at one
 //! stretch. Measurements that come during a round count from the next one on. Once it is over, poses,
 //! headings, the carrier and the last place are told without another pass.
 //!
 //! # Degenerate cases
-//! What a direction lacks to be determined is asked of the pivots: an unknown without one, or with
-//! one that is rounding, is [`Refusal::Undetermined`], never a number. Before the references have
-//! seen three stops together there is no frame ([`JointError::Start`]). A camera in poor geometry
-//! is not admitted, and one that loses what it was admitted for is put back.
+//! What a direction lacks to be determined is asked of the pivots: an unknown without one, or with one that is
+//! rounding, is named ([`JointEstimator::undetermined`]), and what moves with it is [`Refusal::Undetermined`], never a
+//! number. Before the references have seen three stops together there is no frame ([`JointError::Start`]). A camera
+//! in poor geometry is not admitted, and one that loses what it was admitted for is put back.
 //!
 //! # Cost
-//! Some six operations for each number of R a row passes. [`workspace`] tells how many numbers an
-//! estimator keeps beside the measurements themselves.
+//! A pass takes a sixth of the cube of what is kept (two unknowns a stop, and two of the carrier), covariances twice
+//! as much; of cameras each pair of sights of one of them. [`Capacity::workspace`] tells how many numbers an estimator
+//! keeps beside the measurements themselves: half the square of what is kept, and some for each bearing.
 //!
 //! # Example
 //! ```
-//! use calib_core::joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace};
+//! use calib_core::joint::{Capacity, JointEstimator, JointMemory, JointSettings, Leg, Prior};
 //! use nalgebra::{Matrix2, Point2, Vector2};
 //!
 //! // Two references 10 units apart, another camera, and a carrier that reads 4 % too much.
@@ -78,13 +88,14 @@
 //!     scale: Prior { mean: 1.0, sigma: 0.08 },
 //!     ..JointSettings::default()
 //! };
+//! const ROOM: Capacity = Capacity { cameras: 3, stops: 8, bearings: 32, marks: 0 };
 //! let memory = JointMemory {
 //!     cameras: &mut [Default::default(); 3],
 //!     stops: &mut [Default::default(); 8],
 //!     bearings: &mut [Default::default(); 32],
 //!     marks: &mut [],
 //!     visits: &mut [],
-//!     workspace: &mut [0.0; workspace(3, 0)],
+//!     workspace: &mut [0.0; ROOM.workspace()],
 //! };
 //! let mut joint = JointEstimator::new(memory, 10.0, settings)?;
 //! let mut before = None;
@@ -117,16 +128,19 @@ use crate::{Limits, Real, Refusal, fit::Fit, numerics::real::lit};
 
 mod admission;
 mod answers;
+mod covariance;
 mod descent;
+mod equations;
 mod estimator;
 mod integrity;
 mod keeping;
+mod kept;
 mod problem;
 mod residuals;
 mod round;
 mod start;
-mod sweep;
 mod triangle;
+mod whole;
 
 pub use estimator::{JointEstimator, JointMemory};
 pub use keeping::{Measured, RestoredLeg, StopTag};
@@ -135,17 +149,58 @@ pub use problem::{
     Visit as VisitStorage,
 };
 pub use round::{Progress, Round};
+pub use whole::Solver;
 
-/// Numbers of the [workspace](JointMemory::workspace) of a [`JointEstimator`] for so many cameras,
-/// references included, and marks.
-pub const fn workspace(cameras: usize, marks: usize) -> usize {
-    problem::workspace(cameras, marks, false)
+/// What an estimator has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capacity {
+    /// Cameras, references included.
+    pub cameras: usize,
+    /// Stops.
+    pub stops: usize,
+    /// Bearings and ranges.
+    pub bearings: usize,
+    /// Marks.
+    pub marks: usize,
 }
 
-/// The same where lenses are estimated ([`JointSettings::lens`]): 1,824 numbers instead of 1,122 for 13
-/// cameras, 5,454 instead of 3,234 for 24.
-pub const fn workspace_with_lenses(cameras: usize, marks: usize) -> usize {
-    problem::workspace(cameras, marks, true)
+impl Capacity {
+    /// Numbers of the [workspace](JointMemory::workspace). What more there is lets [`check`](JointEstimator::check)
+    /// look at more than the last 32 sights of a camera together: half the square of their number.
+    pub const fn workspace(&self) -> usize {
+        self.layout(problem::LENS).workspace()
+    }
+
+    /// The same where lenses are estimated ([`JointSettings::lens`]).
+    pub const fn workspace_with_lenses(&self) -> usize {
+        self.layout(problem::LENS + 1).workspace()
+    }
+
+    /// The same beside a [`Solver`], lenses included.
+    pub const fn workspace_beside_solver(&self) -> usize {
+        self.layout(problem::LENS + 1).without_kept().workspace()
+    }
+
+    const fn layout(&self, block: usize) -> equations::Layout {
+        equations::Layout::new(self.cameras, self.stops, self.bearings, self.marks, block)
+    }
+}
+
+/// An unknown that is not determined by what was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Undetermined {
+    /// The carrier's scale.
+    Scale,
+    /// Its compass offset.
+    Compass,
+    /// The place of this stop, and of those that hang on it.
+    Stop(u16),
+    /// The place of this mark.
+    Mark(u16),
+    /// The pose of this camera.
+    Camera(u16),
 }
 
 /// What is known of a number beforehand.

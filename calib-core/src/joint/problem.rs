@@ -1,12 +1,10 @@
-//! What is estimated and from what: measurements, estimates, and which column of the triangle
-//! belongs to which unknown.
+//! What is estimated and from what: measurements, estimates, and the rows that they make.
 
-use nalgebra::{Matrix2, Point2, Vector2, Vector3, Vector4};
+use core::ops::Range;
 
-use super::{
-    Prior, ProtectionLevels, StopTag,
-    triangle::{Triangle, packed},
-};
+use nalgebra::{Matrix2, Point2, Vector2, Vector3};
+
+use super::{Prior, ProtectionLevels, Solver, StopTag, Undetermined};
 use crate::{
     Real, angle,
     numerics::plane::{self, dot, quarter_turn},
@@ -16,34 +14,18 @@ use crate::{
 /// Cameras 0 and 1: they define the frame.
 pub(super) const REFERENCES: usize = 2;
 
-/// Columns of the triangle: of the place that is about to be eliminated, of the next one, and of
-/// the one that stays.
-pub(super) const LEAVING: usize = 0;
-pub(super) const NEXT: usize = 2;
-pub(super) const HELD: usize = 4;
-/// The carrier's scale and compass offset, and the headings of both references.
-pub(super) const SCALE: usize = 6;
-pub(super) const COMPASS: usize = 7;
-pub(super) const HEADINGS: usize = 8;
-/// Of the references' lenses if they are estimated, then of the other cameras, `(x, y, heading)` and
-/// the lens of each, then of the marks, two each.
-pub(super) const KEPT: usize = 10;
+/// Unknowns of a camera at most, and which is which. A camera's block is a part of them, in this order: of a
+/// reference without its place, and without the lens if lenses are not estimated.
+pub(super) const BLOCK: usize = 4;
+pub(super) const PLACE: usize = 0;
+pub(super) const HEADING: usize = 2;
+pub(super) const LENS: usize = 3;
 
-/// Columns of so many cameras, references included, and marks; the right side included.
-pub(super) const fn width(cameras: usize, marks: usize, lenses: bool) -> usize {
-    let lens = if lenses { 1 } else { 0 };
-    let others = cameras.saturating_sub(REFERENCES);
-    KEPT + lens * REFERENCES + (3 + lens) * others + 2 * marks + 1
-}
-
-/// Vectors as long as a row, beside the triangle.
-const VECTORS: usize = 3;
-
-/// Numbers of the workspace.
-pub(super) const fn workspace(cameras: usize, marks: usize, lenses: bool) -> usize {
-    let width = width(cameras, marks, lenses);
-    packed(width) + VECTORS * width
-}
+/// What is kept while cameras are eliminated: the carrier's scale and compass offset, then two for each
+/// stop, then two for each mark.
+pub(super) const SCALE: usize = 0;
+pub(super) const COMPASS: usize = 1;
+pub(super) const STOPS: usize = 2;
 
 /// A leg that was not as measured, and a camera that seemed to be moved so few stops before or after it, may
 /// be one fault.
@@ -66,9 +48,13 @@ pub struct Stop<T: Real> {
     pub(super) standing: Standing,
     /// The caller's own.
     pub(super) tag: StopTag,
-    /// The second sweep's own: the equations for this place that the stops before it leave, and
-    /// after it in the first two the step.
-    pub(super) chain: [T; 5],
+    /// The step of its place.
+    pub(super) step: Vector2<T>,
+    /// Of the leg that leads there: covariance `xx, xy, yy` of its two whitened rows.
+    pub(super) leverage: [T; 3],
+    /// It can be moved, or what the leg measures, and nothing contradicts.
+    pub(super) is_undetermined: bool,
+    pub(super) is_leg_undetermined: bool,
 }
 
 /// What a camera measured of the target: a bearing, or a range.
@@ -80,7 +66,12 @@ pub struct Sight<T> {
     pub(super) value: T,
     pub(super) sigma: T,
     pub(super) standing: Standing,
+    /// The camera's one before, by descending stop.
+    pub(super) next: u32,
 }
+
+/// The end of a camera's sights.
+pub(super) const NONE: u32 = u32::MAX;
 
 /// What a camera measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,10 +118,14 @@ pub enum Standing {
 pub struct Unknown<T: Real> {
     /// `(x, y, heading, lens)`; the heading over more than a turn, of the lens the true tangent of a
     /// bearing over the measured one, less one.
-    pub(super) value: Vector4<T>,
-    pub(super) step: Vector4<T>,
-    /// First column in the triangle, while it is estimated.
-    pub(super) column: Option<u16>,
+    pub(super) value: [T; BLOCK],
+    pub(super) step: [T; BLOCK],
+    /// The last one of its sights.
+    pub(super) last: u32,
+    /// It is estimated.
+    pub(super) takes_part: bool,
+    /// It can be moved and nothing contradicts.
+    pub(super) is_undetermined: bool,
     /// Bearings it had when it was last looked at, so that it is not looked at again for nothing.
     pub(super) tried: u16,
     /// It was taken in since the passes last came to an end.
@@ -152,7 +147,10 @@ impl<T: Real> Default for Stop<T> {
             root: [zero; 3],
             standing: Standing::Counts,
             tag: StopTag::default(),
-            chain: [zero; 5],
+            step: Vector2::zeros(),
+            leverage: [zero; 3],
+            is_undetermined: false,
+            is_leg_undetermined: false,
         }
     }
 }
@@ -167,6 +165,7 @@ impl<T: Real> Default for Sight<T> {
             value: T::zero(),
             sigma: T::one(),
             standing: Standing::Counts,
+            next: NONE,
         }
     }
 }
@@ -186,9 +185,11 @@ impl<T: Real> Default for Unknown<T> {
     /// Nothing was seen of it.
     fn default() -> Self {
         Self {
-            value: Vector4::zeros(),
-            step: Vector4::zeros(),
-            column: None,
+            value: [T::zero(); BLOCK],
+            step: [T::zero(); BLOCK],
+            last: NONE,
+            takes_part: false,
+            is_undetermined: false,
             tried: 0,
             is_new: false,
             moved: None,
@@ -212,14 +213,40 @@ pub(super) struct Common<T: Real> {
     pub carrier_step: Vector2<T>,
     /// By how much the legs' sigmas are larger than they claim.
     pub leg_factor: T,
-    /// The stop that the triangle holds.
-    pub held: Option<usize>,
+    /// How far the last pass is.
+    pub told: Told,
+    /// The first unknown that it did not determine.
+    pub undetermined: Option<Undetermined>,
+    pub is_carrier_undetermined: bool,
     /// The passes have a frame to begin with.
     pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
+    /// All unknowns are a solver's, and nothing is kept.
+    pub is_whole: bool,
+    /// What a camera saw from a stop on is left out of the equations, to see what that changes.
+    pub left_out: Option<(usize, usize)>,
     /// A camera that is off since some stop, and why that may be.
     pub suspect: Option<Suspect<T>>,
+}
+
+impl<T: Real> Common<T> {
+    /// Returns true where all unknowns are a solver's. Without the feature the compiler leaves out what is for them.
+    pub(super) fn is_whole(&self) -> bool {
+        cfg!(feature = "solver") && self.is_whole
+    }
+}
+
+/// What the workspace holds of the present estimates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Told {
+    Nothing,
+    /// The equations, or less.
+    Equations,
+    /// Of what is kept the factor.
+    Factor,
+    /// Covariances.
+    Covariances,
 }
 
 /// A camera of which the last bearings are off: it was moved, or the way there was not as measured. Both are
@@ -243,27 +270,68 @@ pub(super) struct Problem<'a, T: Real> {
     pub cameras: &'a mut [Unknown<T>],
     pub marks: &'a mut [Unknown<T>],
     pub workspace: &'a mut [T],
+    /// Of all unknowns together, instead of what is kept.
+    pub solver: Option<&'a mut dyn Solver<T>>,
 }
 
 /// A bearing's or a range's residual around the present estimates, over its sigma.
 pub(super) struct SightRow<T: Real> {
     pub residual: T,
-    /// By the place; by the camera's place it is the negative.
     pub by_place: Vector2<T>,
-    /// By the camera's heading.
-    pub by_heading: T,
-    /// By its lens.
-    pub by_lens: T,
+    pub by_camera: [T; BLOCK],
 }
 
-/// Columns of a camera.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Columns {
-    /// Of its place, unless it is a reference.
-    pub place: Option<usize>,
-    pub heading: usize,
-    /// Of its lens, if lenses are estimated.
-    pub lens: Option<usize>,
+/// A camera's sights, by descending stop, with their numbers.
+#[derive(Clone, Debug)]
+pub(super) struct Own<'p, T> {
+    sights: &'p [Sight<T>],
+    next: u32,
+}
+
+impl<'p, T> Iterator for Own<'p, T> {
+    type Item = (usize, &'p Sight<T>);
+
+    #[inline]
+    fn next(&mut self) -> Option<Self::Item> {
+        let n = usize::try_from(self.next).ok()?;
+        let sight = self.sights.get(n)?;
+        self.next = sight.next;
+        Some((n, sight))
+    }
+}
+
+impl<T: Real> Unknown<T> {
+    pub(super) fn place(&self) -> Vector2<T> {
+        let [x, y, ..] = self.value;
+        Vector2::new(x, y)
+    }
+
+    pub(super) fn put(&mut self, place: Vector2<T>) {
+        let [x, y, ..] = &mut self.value;
+        (*x, *y) = (place.x, place.y);
+    }
+
+    pub(super) const fn heading(&self) -> T {
+        let [_, _, heading, ..] = self.value;
+        heading
+    }
+
+    pub(super) fn turn(&mut self, heading: T) {
+        let [_, _, own, ..] = &mut self.value;
+        *own = heading;
+    }
+
+    /// Of the lens the true tangent of a bearing over the measured one, less one.
+    pub(super) const fn lens(&self) -> T {
+        let [_, _, _, lens, ..] = self.value;
+        lens
+    }
+
+    /// As the lens was said to be.
+    pub(super) fn trust_lens(&mut self) {
+        let [_, _, _, lens, ..] = &mut self.value;
+        *lens = T::zero();
+    }
 }
 
 /// A leg's, one of two rows.
@@ -275,60 +343,90 @@ pub(super) struct LegRow<T: Real> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Columns in use, that of the right side included.
-    pub(super) fn width(&self) -> usize {
-        let used = |unknowns: &[Unknown<T>]| unknowns.iter().filter(|u| u.column.is_some()).count();
-        let lens = self.lens_columns();
-        KEPT + lens * REFERENCES + (3 + lens) * used(self.cameras) + 2 * used(self.marks) + 1
+    /// Unknowns of a camera's block, of [`BLOCK`].
+    pub(super) fn axes(&self, camera: usize) -> Range<usize> {
+        let first = if camera < REFERENCES { HEADING } else { PLACE };
+        first..self.last_axis()
     }
 
-    /// Columns of one lens: one, or none if they are not estimated.
-    pub(super) fn lens_columns(&self) -> usize {
-        usize::from(self.common.lens_prior.is_some())
-    }
-
-    /// Gives everything that is estimated its column.
-    pub(super) fn lay_out(&mut self) {
-        let lens = self.lens_columns();
-        let mut next = KEPT + lens * REFERENCES;
-        let visits = self.visits;
-        for (mark, number) in self.marks.iter_mut().zip(0_u16..) {
-            let visited = visits.iter().any(|visit| visit.mark == number);
-            mark.column = visited.then_some(0);
+    pub(super) fn last_axis(&self) -> usize {
+        if self.common.lens_prior.is_some() {
+            LENS + 1
+        } else {
+            LENS
         }
-        let cameras = self.cameras.iter_mut().map(|camera| (camera, 3 + lens));
-        let marks = self.marks.iter_mut().map(|mark| (mark, 2));
-        for (unknown, columns) in cameras.chain(marks) {
-            if unknown.column.is_some() {
-                unknown.column = u16::try_from(next).ok();
-                next += columns;
+    }
+
+    /// What is known of a camera's unknown beforehand, as a row of it alone: residual and weight.
+    pub(super) fn prior_of(&self, camera: usize, axis: usize) -> Option<(T, T)> {
+        let sigma = self.common.lens_prior.filter(|_| axis == LENS)?;
+        let weight = sigma.recip();
+        Some((self.cameras.get(camera)?.lens() * weight, weight))
+    }
+
+    /// Whether a sight of a camera is in the equations, as far as that is not its row's matter.
+    pub(super) fn counts(&self, camera: usize, sight: &Sight<T>) -> bool {
+        let is_left_out = { self.common.left_out }
+            .is_some_and(|(of, from)| of == camera && usize::from(sight.stop) >= from);
+        sight.standing == Standing::Counts && !is_left_out
+    }
+
+    /// What a camera saw.
+    #[inline]
+    pub(super) fn own(&self, camera: usize) -> Own<'_, T> {
+        Own {
+            sights: self.sights,
+            next: self.cameras.get(camera).map_or(NONE, |camera| camera.last),
+        }
+    }
+
+    /// The next of a list of these, while the estimates may change.
+    pub(super) fn next_own(&self, next: &mut u32) -> Option<(usize, Sight<T>)> {
+        let n = usize::try_from(*next).ok()?;
+        let sight = self.sights.get(n)?;
+        *next = sight.next;
+        Some((n, *sight))
+    }
+
+    /// Makes what each camera saw a list of its own.
+    pub(super) fn link(&mut self) {
+        for camera in self.cameras.iter_mut() {
+            camera.last = NONE;
+        }
+        for n in 0..self.sights.len() {
+            let Some(sight) = self.sights.get(n) else {
+                return;
+            };
+            let (camera, stop) = (usize::from(sight.camera), sight.stop);
+            let comes_after = |other: &(usize, &Sight<T>)| other.1.stop > stop;
+            let before = self.own(camera).take_while(comes_after).last();
+            let number = u32::try_from(n).unwrap_or(NONE);
+            let place = match before.map(|(n, _)| n) {
+                Some(before) => self.sights.get_mut(before).map(|sight| &mut sight.next),
+                None => self.cameras.get_mut(camera).map(|camera| &mut camera.last),
+            };
+            let next = place.map(|place| core::mem::replace(place, number));
+            if let (Some(next), Some(sight)) = (next, self.sights.get_mut(n)) {
+                sight.next = next;
             }
         }
     }
 
-    /// The triangle, and vectors as long as its rows.
-    pub(super) fn triangle(&mut self) -> Option<(Triangle<'_, T>, [&mut [T]; VECTORS])> {
-        let width = self.width();
-        let (triangle, vectors) = self.workspace.split_at_mut_checked(packed(width))?;
-        let mut vectors = vectors.chunks_exact_mut(width.max(1));
-        let vectors = [vectors.next()?, vectors.next()?, vectors.next()?];
-        Some((Triangle::new(triangle, width)?, vectors))
-    }
-
     /// Where a camera is thought to be.
     pub(super) fn camera(&self, camera: usize) -> Option<Vector3<T>> {
-        let value = self.cameras.get(camera)?.value;
+        let unknown = self.cameras.get(camera)?;
         // References stand where the frame says, whatever their numbers hold.
-        Some(match camera {
-            0 => Vector3::new(T::zero(), T::zero(), value.z),
-            1 => Vector3::new(self.common.baseline, T::zero(), value.z),
-            _ => value.xyz(),
-        })
+        let place = match camera {
+            0 => Vector2::zeros(),
+            1 => Vector2::new(self.common.baseline, T::zero()),
+            _ => unknown.place(),
+        };
+        Some(place.push(unknown.heading()))
     }
 
     /// Whether a camera's bearings are used: it is a reference, or admitted.
     pub(super) fn is_estimated(&self, camera: usize) -> bool {
-        camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.column.is_some())
+        camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.takes_part)
     }
 
     /// Whether a camera is what another one became when it was moved.
@@ -360,7 +458,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn undo_moves(&mut self, near: Option<usize>) {
         for camera in 0..self.cameras.len() {
             let Some(unknown) = self.cameras.get_mut(camera) else {
-                return;
+                break;
             };
             let is_near =
                 |from: &u16| near.is_none_or(|near| near.abs_diff((*from).into()) <= NEAR);
@@ -381,24 +479,7 @@ impl<T: Real> Problem<'_, T> {
                 *successor = Unknown::default();
             }
         }
-    }
-
-    /// Columns of a camera that is estimated.
-    pub(super) fn columns(&self, camera: usize) -> Option<Columns> {
-        let has_lens = self.common.lens_prior.is_some();
-        if camera < REFERENCES {
-            return Some(Columns {
-                place: None,
-                heading: HEADINGS + camera,
-                lens: has_lens.then_some(KEPT + camera),
-            });
-        }
-        let place = usize::from(self.cameras.get(camera)?.column?);
-        Some(Columns {
-            place: Some(place),
-            heading: place + 2,
-            lens: has_lens.then_some(place + 3),
-        })
+        self.link();
     }
 
     /// A bearing as it would be measured through a right lens, and by how much it changes with the
@@ -408,7 +489,7 @@ impl<T: Real> Problem<'_, T> {
             return (sight.value, T::zero());
         }
         let camera = self.cameras.get(usize::from(sight.camera));
-        let lens = camera.map_or_else(T::zero, |camera| camera.value.w);
+        let lens = camera.map_or_else(T::zero, Unknown::lens);
         let ray = plane::unit(sight.value);
         let true_ray = Vector2::new(ray.x, ray.y * (lens + T::one()));
         let by_lens = ray.x * ray.y / dot(true_ray, true_ray);
@@ -447,11 +528,11 @@ impl<T: Real> Problem<'_, T> {
         if sight.quantity == Quantity::Range {
             let weight = (sigma * sigma + standing * standing).sqrt().recip();
             let range = range2.sqrt();
+            let by_place = to_target * (weight / range);
             return Some(SightRow {
                 residual: (range - sight.value) * weight,
-                by_place: to_target * (weight / range),
-                by_heading: T::zero(),
-                by_lens: T::zero(),
+                by_place,
+                by_camera: [-by_place.x, -by_place.y, T::zero(), T::zero()],
             });
         }
         let weight = (sigma * sigma + standing * standing / range2)
@@ -459,11 +540,11 @@ impl<T: Real> Problem<'_, T> {
             .recip();
         let (bearing, by_lens) = self.through_lens(sight);
         let off = to_target.y.atan2(to_target.x) - pose.z - bearing;
+        let by_place = quarter_turn(to_target) * (weight / range2);
         Some(SightRow {
             residual: angle::wrap_signed(off) * weight,
-            by_place: quarter_turn(to_target) * (weight / range2),
-            by_heading: -weight,
-            by_lens: -by_lens * weight,
+            by_place,
+            by_camera: [-by_place.x, -by_place.y, -weight, -by_lens * weight],
         })
     }
 
@@ -471,21 +552,26 @@ impl<T: Real> Problem<'_, T> {
     /// how it did, whitened.
     /// One that is excluded still ties its ends together, but loosely.
     pub(super) fn leg_rows(&self, later: usize) -> Option<[LegRow<T>; 2]> {
-        let stop = self.stops.get(later)?;
-        let [w11, _, w22] = stop.root;
-        let length = dot(stop.displacement, stop.displacement).sqrt();
-        let weight = if stop.standing == Standing::Counts {
-            T::one()
-        } else {
-            let claims = w11.max(w22) * length * lit(EXCLUDED_LEG);
-            lit::<T>(EXCLUDED_LEG) / claims.max(T::one())
-        };
+        let weight = self.leg_weight(later)?;
         let rows = self.leg_rows_of(later)?;
         Some(rows.map(|row| LegRow {
             residual: row.residual * weight,
             by_place: row.by_place * weight,
             by_carrier: row.by_carrier * weight,
         }))
+    }
+
+    /// One, or less for a leg that is excluded.
+    pub(super) fn leg_weight(&self, later: usize) -> Option<T> {
+        let stop = self.stops.get(later)?;
+        let [w11, _, w22] = stop.root;
+        let length = dot(stop.displacement, stop.displacement).sqrt();
+        Some(if stop.standing == Standing::Counts {
+            T::one()
+        } else {
+            let claims = w11.max(w22) * length * lit(EXCLUDED_LEG);
+            lit::<T>(EXCLUDED_LEG) / claims.max(T::one())
+        })
     }
 
     /// The same as they were measured, excluded or not.
@@ -516,12 +602,11 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// Where a visited mark lies from the place of a visit, over the visit's sigma.
-    pub(super) fn visit_rows(&self, visit: &Visit<T>) -> Option<(Vector2<T>, T, usize)> {
+    pub(super) fn visit_rows(&self, visit: &Visit<T>) -> Option<(Vector2<T>, T)> {
         let mark = self.marks.get(usize::from(visit.mark))?;
         let place = self.stops.get(usize::from(visit.stop))?.place;
         let weight = visit.sigma.recip();
-        let off = (place.coords - mark.value.xy()) * weight;
-        Some((off, weight, usize::from(mark.column?)))
+        Some(((place.coords - mark.place()) * weight, weight))
     }
 
     /// A displacement by dead reckoning: as the carrier measured it, less what is thought to be

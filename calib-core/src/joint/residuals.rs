@@ -6,13 +6,10 @@
 //! Where it is nearly zero nothing checks the measurement. Baarda, "A testing procedure for use in
 //! geodetic networks", 1968.
 
-use nalgebra::Vector2;
-
 use super::{
     BearingResidual, LegResidual,
-    answers::dot,
     integrity::IN_A_ROW,
-    problem::{HELD, LEAVING, LegRow, Problem, SCALE, Sight, Standing},
+    problem::{Problem, Sight, Standing},
 };
 use crate::{Real, Refusal, numerics::real::lit};
 
@@ -33,10 +30,17 @@ impl<T: Real> Problem<'_, T> {
     /// [`Refusal::Undetermined`].
     pub(super) fn bearing_residual(&mut self, n: usize) -> Result<BearingResidual<T>, Refusal> {
         let sight = *self.sights.get(n).ok_or(Refusal::TooFew)?;
-        let stop = usize::from(sight.stop);
-        self.hold(stop).ok_or(Refusal::Undetermined)?;
-        let residual = self.sight_row(&sight).ok_or(Refusal::TooFew)?.residual;
-        let leverage = self.leverage(&sight).ok_or(Refusal::Undetermined)?;
+        let (stop, camera) = (usize::from(sight.stop), usize::from(sight.camera));
+        self.tell()?;
+        let row = self.sight_row(&sight).ok_or(Refusal::TooFew)?;
+        let residual = row.residual;
+        let of_stop = self
+            .stops
+            .get(stop)
+            .is_some_and(|stop| stop.is_undetermined);
+        let of_camera = { self.cameras.get(camera) }.is_some_and(|camera| camera.is_undetermined);
+        let leverage = self.leverage(n, &row).filter(|_| !of_stop && !of_camera);
+        let leverage = leverage.ok_or(Refusal::Undetermined)?;
         let counts = sight.standing == Standing::Counts;
         let redundancy = if counts {
             T::one() - leverage
@@ -50,7 +54,7 @@ impl<T: Real> Problem<'_, T> {
         };
         Ok(BearingResidual {
             stop,
-            camera: usize::from(sight.camera),
+            camera,
             quantity: sight.quantity,
             residual: residual * sight.sigma,
             redundancy,
@@ -59,60 +63,21 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The variance of what the estimates say of a bearing, in units of the bearing's own. The
-    /// triangle has to hold its stop.
-    fn leverage(&mut self, sight: &Sight<T>) -> Option<T> {
-        self.enter_sight(sight)?;
-        let (triangle, [g, ..]) = self.triangle()?;
-        triangle.forward_substitute(g)?;
-        Some(dot(g, g))
-    }
-
-    /// A bearing's row into the first vector.
-    fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
-        let row = self.sight_row(sight)?;
-        let columns = self.columns(usize::from(sight.camera))?;
-        let (_, [g, ..]) = self.triangle()?;
-        g.fill(T::zero());
-        put(g, HELD, row.by_place);
-        if let Some(place) = columns.place {
-            put(g, place, -row.by_place);
-        }
-        *g.get_mut(columns.heading)? = row.by_heading;
-        if let Some(lens) = columns.lens {
-            *g.get_mut(lens)? = row.by_lens;
-        }
-        Some(())
-    }
-
     /// The residual of the leg to stop `later`: its chi squared, of as many degrees as are checked.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] where no leg was measured; [`Refusal::Undetermined`].
     pub(super) fn leg_residual(&mut self, later: usize) -> Result<LegResidual<T>, Refusal> {
-        self.whole_leg_residual(later).map(|(leg, _)| leg)
-    }
-
-    /// The same, and the redundancy of each of its two rows, which are left in the first two vectors,
-    /// forward substituted.
-    pub(super) fn whole_leg_residual(
-        &mut self,
-        later: usize,
-    ) -> Result<(LegResidual<T>, [T; 2]), Refusal> {
-        let before = later.checked_sub(1).ok_or(Refusal::TooFew)?;
-        let standing = self.stops.get(later).ok_or(Refusal::TooFew)?.standing;
-        self.hold(before).ok_or(Refusal::Undetermined)?;
+        self.tell()?;
         let rows = self.leg_rows_of(later).ok_or(Refusal::TooFew)?;
-        for (n, row) in rows.iter().enumerate() {
-            self.enter_leg(n, row).ok_or(Refusal::Undetermined)?;
+        let stop = *self.stops.get(later).ok_or(Refusal::TooFew)?;
+        if stop.is_leg_undetermined {
+            return Err(Refusal::Undetermined);
         }
-        let (triangle, [a, b, _]) = self.triangle().ok_or(Refusal::Undetermined)?;
-        for g in [&mut *a, &mut *b] {
-            triangle
-                .forward_substitute(g)
-                .ok_or(Refusal::Undetermined)?;
-        }
-        let leverage = [dot(a, a), dot(a, b), dot(b, b)];
+        let standing = stop.standing;
+        // As it was measured, excluded or not.
+        let weight = self.leg_weight(later).ok_or(Refusal::TooFew)?;
+        let leverage = stop.leverage.map(|leverage| leverage / (weight * weight));
         let counts = standing == Standing::Counts;
         let [aa, ab, bb] = if counts {
             let [aa, ab, bb] = leverage;
@@ -138,28 +103,14 @@ impl<T: Real> Problem<'_, T> {
                 degrees_of_freedom += 1;
             }
         }
-        let residual = LegResidual {
+        Ok(LegResidual {
             stop: later,
             chi_squared,
             degrees_of_freedom,
             squared: first * first + second * second,
             redundancy: if counts { aa + bb } else { T::zero() },
             standing,
-        };
-        Ok((residual, [aa, bb]))
-    }
-
-    /// A leg's row into one of the vectors: the triangle holds the earlier stop, and the later one is
-    /// about to leave.
-    fn enter_leg(&mut self, vector: usize, row: &LegRow<T>) -> Option<()> {
-        let (by_place, by_carrier) = (row.by_place, row.by_carrier);
-        let (_, mut vectors) = self.triangle()?;
-        let g = vectors.get_mut(vector)?;
-        g.fill(T::zero());
-        put(g, HELD, -by_place);
-        put(g, LEAVING, by_place);
-        put(g, SCALE, by_carrier);
-        Some(())
+        })
     }
 
     /// The next measurement, from one on, that is left out: bearings are counted first, then the stops
@@ -183,12 +134,12 @@ impl<T: Real> Problem<'_, T> {
             .iter()
             .filter(|other| other.camera == sight.camera && other.standing == Standing::Distrusted);
         let first = moved.clone().map(|other| other.stop).min();
-        camera.is_some_and(|camera| camera.column.is_some())
+        camera.is_some_and(|camera| camera.takes_part)
             && first == Some(sight.stop)
             && moved.count() > IN_A_ROW
     }
 
-    /// Puts back what was left out and agrees after all; whether it does. A pass.
+    /// Puts back what was left out and agrees after all; whether it does.
     pub(super) fn readmit(&mut self, n: usize) -> bool {
         let Some(sight) = self.sights.get(n).copied() else {
             return self.readmit_leg(n.saturating_sub(self.sights.len()));
@@ -221,11 +172,5 @@ impl<T: Real> Problem<'_, T> {
             stop.standing = Standing::Counts;
         }
         fits
-    }
-}
-
-fn put<T: Real>(row: &mut [T], column: usize, numbers: Vector2<T>) {
-    for (place, number) in row.iter_mut().skip(column).zip(&numbers) {
-        *place = *number;
     }
 }

@@ -1,8 +1,7 @@
-//! A round of work in slices: solve, look at every stop, leave out what contradicts, solve again.
+//! A round of work in slices: solve, look at every measurement, leave out what contradicts, solve again.
 //!
-//! One slice is about one pass over the measurements, so that who computes slowly can do something
-//! else in between. Everything between two slices is in the estimates and in a few numbers here;
-//! the triangle is made anew by each.
+//! One slice is at most one pass over the measurements, so that who computes slowly can do something
+//! else in between.
 
 use super::{
     Finding, JointError, JointSolution, descent::Settling, integrity::Survey, problem::Problem,
@@ -208,15 +207,14 @@ impl<T: Real> Work<T> {
         self.over(problem, solution)
     }
 
-    /// The triangle holds the last stop when all is done.
+    /// Covariances are told when all is done.
     fn over(
         &mut self,
         problem: &mut Problem<'_, T>,
         solution: JointSolution<T>,
     ) -> Result<Progress<T>, JointError> {
-        let last = problem.stops.len().saturating_sub(1);
-        let held = problem.hold(last);
-        held.ok_or(JointError::Solve(Refusal::Undetermined))?;
+        let told = problem.find_covariances();
+        told.ok_or(JointError::Solve(Refusal::Undetermined))?;
         Ok(Progress::Over(solution))
     }
 }

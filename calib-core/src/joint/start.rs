@@ -84,7 +84,7 @@ impl<T: Real> Problem<'_, T> {
     /// then found by those who look for it.
     pub(super) fn begin_starting(&mut self) -> Starting<T> {
         for camera in self.cameras.iter_mut() {
-            camera.column = None;
+            camera.takes_part = false;
         }
         self.common.window = ALL;
         Starting {
@@ -260,8 +260,8 @@ impl<T: Real> Problem<'_, T> {
     fn begin_descent(&mut self, start: &Start<T>, descent: &mut Descent<T>) {
         self.common.carrier = start.carrier;
         for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
-            camera.value.z = heading;
-            camera.value.w = T::zero();
+            camera.turn(heading);
+            camera.trust_lens();
         }
         self.reckon(start.stop, start.place);
         *descent = Descent::new();
@@ -354,7 +354,7 @@ impl<T: Real> Problem<'_, T> {
         let visit = { self.visits.iter() }.find(|visit| usize::from(visit.mark) == mark);
         let stop = visit.and_then(|visit| self.stops.get(usize::from(visit.stop)));
         if let (Some(stop), Some(mark)) = (stop, self.marks.get_mut(mark)) {
-            (mark.value.x, mark.value.y) = (stop.place.x, stop.place.y);
+            mark.put(stop.place.coords);
         }
     }
 
@@ -466,9 +466,9 @@ impl<T: Real> Problem<'_, T> {
 
     fn seen_by(&self, stop: usize, camera: usize) -> Option<(T, T)> {
         let [first, last] = self.common.window;
-        let sight = self.sights.iter().find(|sight| {
+        let mut own = self.own(camera).map(|(_, sight)| sight);
+        let sight = own.find(|sight| {
             usize::from(sight.stop) == stop
-                && usize::from(sight.camera) == camera
                 && sight.is_bearing()
                 && (first..=last).contains(&sight.stop)
                 && sight.standing == Standing::Counts

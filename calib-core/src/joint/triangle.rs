@@ -46,23 +46,13 @@ impl<'a, T: Real> Triangle<'a, T> {
         self.rows.get(begin..end).unwrap_or_default()
     }
 
-    /// Two rows, the first before the second.
-    pub(super) fn two_rows_mut(&mut self, i: usize, j: usize) -> Option<(&mut [T], &mut [T])> {
-        let (first, second) = (self.begin(i), self.begin(j));
-        let (before, from_second) = self.rows.split_at_mut_checked(second)?;
-        let first = before.get_mut(first..first + self.width.saturating_sub(i))?;
-        let second = from_second.get_mut(..self.width.saturating_sub(j))?;
-        Some((first, second))
-    }
-
     fn begin(&self, i: usize) -> usize {
         // The sum of the lengths before it.
         (i * (2 * self.width + 1)).saturating_sub(i * i) / 2
     }
 
-    /// Adds the equation `row`, right side last; what it held is used up. Tells what is left of the
-    /// right side: the part of the residual that no unknown explains.
-    pub(super) fn insert(&mut self, row: &mut [T]) -> T {
+    /// Adds the equation `row`, right side last; what it held is used up.
+    pub(super) fn insert(&mut self, row: &mut [T]) {
         let mut rest = &mut *self.rows;
         for j in 0..self.width.saturating_sub(1) {
             let Some((own, next)) = rest.split_at_mut_checked(self.width - j) else {
@@ -70,24 +60,47 @@ impl<'a, T: Real> Triangle<'a, T> {
             };
             rest = next;
             let Some(row) = row.get_mut(j..) else { break };
-            rotate(own, row);
-        }
-        row.last().copied().unwrap_or_else(T::zero)
-    }
-
-    /// The unknowns, from the last to the first, in `x`, which is as long as a row. An unknown
-    /// without a pivot is left at zero.
-    pub(super) fn solve(&self, x: &mut [T]) {
-        let unknowns = self.width.saturating_sub(1);
-        for i in 0..unknowns {
-            if let (Some(to), Some(right)) = (x.get_mut(i), self.row(i).last()) {
-                *to = *right;
+            if let (Some(&a), Some(&b)) = (own.first(), row.first()) {
+                rotate([a, b], own, row);
             }
         }
-        self.back_substitute(x);
     }
 
-    /// The `x` of `R x = x`, in place.
+    /// The right side, of what is determined.
+    pub(super) fn right_side(&self, right: &mut [T]) {
+        for (i, to) in right.iter_mut().enumerate() {
+            *to = self.row(i).last().copied().unwrap_or_else(T::zero);
+        }
+    }
+
+    /// Drops the unknowns without a pivot, or with one that is rounding: these stay where they are. `row` is as
+    /// long as a row.
+    pub(super) fn drop_undetermined(&mut self, row: &mut [T]) {
+        for i in 0..self.width.saturating_sub(1) {
+            if self.is_determined(i) {
+                continue;
+            }
+            // What it says of the unknowns behind it stays.
+            row.fill(T::zero());
+            let begin = self.begin(i);
+            let own = self.rows.get_mut(begin..begin + self.width - i);
+            for (to, from) in row.iter_mut().skip(i).zip(own.unwrap_or_default()) {
+                *to = core::mem::replace(from, T::zero());
+            }
+            if let Some(pivot) = row.get_mut(i) {
+                *pivot = T::zero();
+            }
+            self.insert(row);
+        }
+    }
+
+    /// Whether an unknown was dropped.
+    pub(super) fn has_dropped(&self) -> bool {
+        let mut unknowns = 0..self.width.saturating_sub(1);
+        unknowns.any(|i| self.row(i).first() == Some(&T::zero()))
+    }
+
+    /// The `x` of `R x = x`, in place, of the unknowns alone. Zero for one that was dropped.
     pub(super) fn back_substitute(&self, x: &mut [T]) {
         for i in (0..self.width.saturating_sub(1)).rev() {
             let (Some((pivot, row)), Some(x)) = (self.row(i).split_first(), x.get_mut(i..)) else {
@@ -96,9 +109,8 @@ impl<'a, T: Real> Triangle<'a, T> {
             let Some((value, below)) = x.split_first_mut() else {
                 continue;
             };
-            let known = { row.iter().zip(below.iter()) }
-                .take(row.len().saturating_sub(1))
-                .fold(T::zero(), |sum, (r, x)| sum + *r * *x);
+            let known =
+                { row.iter().zip(below.iter()) }.fold(T::zero(), |sum, (r, x)| sum + *r * *x);
             *value = if *pivot == T::zero() {
                 T::zero()
             } else {
@@ -107,31 +119,29 @@ impl<'a, T: Real> Triangle<'a, T> {
         }
     }
 
-    /// The `u` of `R^T u = g`, in place: `u . u` is then the variance of `g . x`. The right side's
-    /// place is left alone. `None` if it takes an unknown that is not determined: its pivot is zero,
-    /// or rounding.
-    pub(super) fn forward_substitute(&self, g: &mut [T]) -> Option<()> {
+    /// The `u` of `R^T u = g`, in place, of the unknowns alone: `u . u` is then the variance of `g . x`. Zero for
+    /// an unknown that was dropped.
+    pub(super) fn reduce(&self, g: &mut [T]) {
         for i in 0..self.width.saturating_sub(1) {
-            let (value, below) = g.get_mut(i..)?.split_first_mut()?;
-            if *value == T::zero() {
-                continue;
-            }
-            let (pivot, row) = self.row(i).split_first()?;
-            if !self.is_determined(i) {
-                return None;
-            }
-            *value /= *pivot;
-            let value = *value;
-            let others = row.len().saturating_sub(1);
-            for (g, r) in below.iter_mut().zip(row).take(others) {
-                *g -= *r * value;
+            let Some((value, below)) = g.get_mut(i..).and_then(<[T]>::split_first_mut) else {
+                return;
+            };
+            let Some((pivot, row)) = self.row(i).split_first() else {
+                return;
+            };
+            *value = if *pivot == T::zero() {
+                T::zero()
+            } else {
+                *value / *pivot
+            };
+            for (g, r) in below.iter_mut().zip(row) {
+                *g -= *r * *value;
             }
         }
-        Some(())
     }
 
     /// Whether the pivot of an unknown is more than rounding of what all rows say about it.
-    pub(super) fn is_determined(&self, i: usize) -> bool {
+    fn is_determined(&self, i: usize) -> bool {
         let square = |j: usize| {
             let entry = self.row(j).get(i.saturating_sub(j)).copied();
             entry.map_or_else(T::zero, |entry| entry * entry)
@@ -141,22 +151,11 @@ impl<'a, T: Real> Triangle<'a, T> {
         let noise = lit::<T>(NOISE) * T::default_epsilon();
         pivot > column * (noise * noise)
     }
-
-    /// The sum of the squared right sides: what the step to the minimum is worth in chi squared.
-    pub(super) fn worth(&self, rows: core::ops::Range<usize>) -> T {
-        rows.fold(T::zero(), |sum, i| {
-            let right = self.row(i).last().copied().unwrap_or_else(T::zero);
-            sum + right * right
-        })
-    }
 }
 
-/// Turns two rows so that the first number of the second vanishes.
+/// Turns two rows so that of `pivot`, which are numbers of both, the second one vanishes.
 #[inline]
-fn rotate<T: Real>(own: &mut [T], row: &mut [T]) {
-    let (Some(&a), Some(&b)) = (own.first(), row.first()) else {
-        return;
-    };
+pub(super) fn rotate<T: Real>([a, b]: [T; 2], own: &mut [T], row: &mut [T]) {
     if b == T::zero() {
         return;
     }
@@ -196,43 +195,49 @@ mod tests {
 
             let mut store = [0.0; packed(5)];
             let mut triangle = Triangle::new(&mut store, 5).unwrap();
-            let mut left = 0.0_f64;
             for row in rows.row_iter() {
                 let mut row: Vec<f64> = row.iter().copied().collect();
-                left += triangle.insert(&mut row).powi(2);
+                triangle.insert(&mut row);
             }
-            let mut x = [0.0; 5];
-            triangle.solve(&mut x);
+            triangle.drop_undetermined(&mut [0.0; 5]);
+            prop_assert!(!triangle.has_dropped());
+            let mut x = [0.0; 4];
+            triangle.right_side(&mut x);
+            triangle.back_substitute(&mut x);
             for i in 0..4 {
                 prop_assert!((x[i] - expected[i]).abs() < 1e-8);
-                let mut unit = [0.0; 5];
+                let mut unit = [0.0; 4];
                 unit[i] = 1.0;
-                triangle.forward_substitute(&mut unit).unwrap();
-                let variance: f64 = unit[..4].iter().map(|u| u * u).sum();
+                triangle.reduce(&mut unit);
+                let variance: f64 = unit.iter().map(|u| u * u).sum();
                 prop_assert!((variance / covariance[(i, i)] - 1.0).abs() < 1e-8);
             }
-            prop_assert!((left - (a * expected - b).norm_squared()).abs() < 1e-8);
-            let worth = triangle.worth(0..4);
-            prop_assert!((worth + left - b.norm_squared()).abs() < 1e-8);
         }
     }
 
+    /// Of the first two unknowns only the sum is measured: one is dropped, and nothing that was said of the
+    /// third is lost.
     #[test]
-    fn an_unknown_that_nobody_asked_about_stays_where_it_is() {
+    fn an_unknown_that_is_not_determined_stays_where_it_is() {
         let mut store = [0.0_f32; packed(4)];
         let mut triangle = Triangle::new(&mut store, 4).unwrap();
-        for mut row in [[1.0, 0.0, 2.0, 3.0], [0.0, 0.0, 4.0, 4.0]] {
-            assert_eq!(triangle.insert(&mut row), 0.0);
+        for mut row in [
+            [1.0, 1.0, 0.0, 3.0],
+            [1.0, 1.0, 2.0, 7.0],
+            [0.0, 0.0, 1.0, 2.0],
+        ] {
+            triangle.insert(&mut row);
         }
-        let mut x = [0.0; 4];
-        triangle.solve(&mut x);
-        assert_eq!(x, [1.0, 0.0, 1.0, 0.0]);
-        assert!(!triangle.is_determined(1));
-        assert_eq!(triangle.forward_substitute(&mut [0.0, 1.0, 0.0, 0.0]), None);
-        assert!(
-            triangle
-                .forward_substitute(&mut [1.0, 0.0, 1.0, 0.0])
-                .is_some()
-        );
+        triangle.drop_undetermined(&mut [0.0; 4]);
+        assert!(triangle.has_dropped());
+        let mut x = [0.0; 3];
+        triangle.right_side(&mut x);
+        triangle.back_substitute(&mut x);
+        for (x, expected) in x.iter().zip([3.0, 0.0, 2.0]) {
+            assert!((x - expected).abs() < 1e-6, "{x}");
+        }
+        let mut g = [0.0, 1.0, 0.0];
+        triangle.reduce(&mut g);
+        assert_eq!(g, [0.0; 3]);
     }
 }

@@ -24,7 +24,7 @@ use host_sim::probe::{
     colour::{self, Judged},
     display::doubt,
     picture,
-    port::{self, Baud, Heard, Port, PortError, Search},
+    port::{self, Baud, Clock, Heard, Port, PortError, Search},
     record::{self, Recording},
     sensor_name, stranger,
 };
@@ -32,6 +32,7 @@ use indicatif::ProgressBar;
 use node_firmware::vision::BackgroundShare;
 
 use super::{
+    camera::emulated,
     camera_options::{CameraOptions, USUAL_COLUMNS},
     files::Files,
     interrupt::INTERRUPTED,
@@ -51,10 +52,15 @@ mod stops;
 /// left idle.
 #[derive(Args)]
 #[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+#[command(group(clap::ArgGroup::new("line").required(true).args(["port", "emulate"])))]
 pub(super) struct Arguments {
     /// The serial port, such as /dev/ttyUSB0.
     #[arg(long, value_name = "DEV")]
-    port: String,
+    port: Option<String>,
+    /// An emulated camera in virtual time in the place of a port: the same answers each time, as fast as this
+    /// computer can. With an option of `host-sim camera`, see below; may be repeated.
+    #[arg(long, value_name = "NAME=VALUE", num_args = 0..=1, default_missing_value = "")]
+    emulate: Vec<String>,
     /// Which camera it is. Of a Pixy2 the blobs of a signature are shown or recorded; it takes no
     /// pictures, learns no colour here and is not started up.
     #[arg(long = "camera", value_enum, default_value_t)]
@@ -176,6 +182,12 @@ pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearin
 column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
 damaged_rows. Everything else goes to the standard error output.
 
+Without a camera (--emulate): NAME is baud, fault, scene, seed, sensor, switch or taught, as of `host-sim camera`, or
+heard: what another program has sent before, such as heard='RM 2\r'. Time is virtual, so --settle and --seconds take
+no time.
+  host-sim probe --emulate --fov-deg 45 --count 20
+  host-sim probe --emulate scene=room.toml --emulate baud=9600 --record sightings.csv --at 1.5,-2
+
 Exit codes:
   0    done, or tracking was ended with Ctrl-C
   2    wrong options, or the camera, its line or a file failed
@@ -185,6 +197,7 @@ Exit codes:
 struct Bench<'a> {
     arguments: &'a Arguments,
     camera: Device,
+    clock: Clock,
     /// The last bytes that came.
     heard: Heard,
     baud_rate: u32,
@@ -230,7 +243,7 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
     // What is wrong with a file is told before anyone waits for the camera.
     Files::default()
-        .reads([&arguments.port])
+        .reads(&arguments.port)
         .writes(&arguments.frame)
         .check()?;
     let recording = match &arguments.record {
@@ -252,15 +265,33 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
     done.and_then(|()| stopped.map_err(|error| bench.failed(error)))
 }
 
+impl Arguments {
+    /// What the line is called.
+    fn line(&self) -> &str {
+        self.port.as_deref().unwrap_or("the emulated camera")
+    }
+
+    fn open(&self, baud_rate: u32, person: &Person) -> anyhow::Result<Port> {
+        Ok(match &self.port {
+            Some(path) => Port::open(path, baud_rate, person.interrupted())?,
+            None => {
+                let wire = emulated::wire(self.kind == Kind::Pixy2, &self.emulate, baud_rate)?;
+                Port::on(wire, person.interrupted())
+            }
+        })
+    }
+}
+
 impl<'a> Bench<'a> {
     /// Opens the port and finds out what is there.
     fn begin(arguments: &'a Arguments, person: Person) -> anyhow::Result<Self> {
         let (port, baud_rate) = connect(arguments, &person)?;
-        let heard = port.heard();
+        let (heard, clock) = (port.heard(), port.clock());
         let mut bench = Self {
             arguments,
             heard,
             camera: port::device(port),
+            clock,
             baud_rate,
             view: View::new(
                 USUAL_COLUMNS,
@@ -283,7 +314,7 @@ impl<'a> Bench<'a> {
         {
             // Other programs leave it in a raw mode. A banner without ACK looks like a restart.
             let left = port::leave_raw_modes(bench.camera).map_err(Error::Uart);
-            bench.camera = left.map_err(|error| failed(&arguments.port, baud_rate, error))?;
+            bench.camera = left.map_err(|error| failed(arguments.line(), baud_rate, error))?;
             version = bench.camera.version().wait();
         }
         let version = version.map_err(|error| bench.not_a_camera(error))?;
@@ -292,7 +323,7 @@ impl<'a> Bench<'a> {
             "{} ({}) at {baud_rate} baud on {}",
             String::from_utf8_lossy(banner.as_bytes()),
             sensor_name(version.sensor()),
-            arguments.port
+            arguments.line()
         ));
         if let Some(banner) = stranger::kindred_banner(&bench.heard.bytes()) {
             tell(format_args!(
@@ -529,7 +560,7 @@ impl<'a> Bench<'a> {
                 match stranger::name(&heard) {
                     Some(stranger) => {
                         let shown = stranger::shown(&heard);
-                        anyhow!("{}: {stranger} ({shown})", self.arguments.port)
+                        anyhow!("{}: {stranger} ({shown})", self.arguments.line())
                     }
                     None => self.failed(error),
                 }
@@ -541,9 +572,9 @@ impl<'a> Bench<'a> {
     fn failed(&self, error: Error<PortError>) -> anyhow::Error {
         if self.packets > 0 && matches!(error, Error::Camera(Fault::Silence)) {
             let why = fell_silent(self.packets);
-            return anyhow!("{}: {why}", self.arguments.port);
+            return anyhow!("{}: {why}", self.arguments.line());
         }
-        failed(&self.arguments.port, self.baud_rate, error)
+        failed(self.arguments.line(), self.baud_rate, error)
     }
 }
 
@@ -553,7 +584,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
         Baud::Rate(rate) => rate,
         Baud::Auto => port::BAUD_RATES[0],
     };
-    let port = Port::open(&arguments.port, rate, person.interrupted())?;
+    let port = arguments.open(rate, person)?;
     if arguments.baud != Baud::Auto {
         return Ok((port, rate));
     }
@@ -561,7 +592,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
     // What the camera sends already would be taken for garbage at every rate but its own.
     let port = match port::quieten(port, || trying.set_message(BUSY)) {
         Ok(port) => port,
-        Err(error) => return Err(failed(&arguments.port, rate, Error::Uart(error))),
+        Err(error) => return Err(failed(arguments.line(), rate, Error::Uart(error))),
     };
     let found = port::find_baud_rate(port, |rate| trying.set_message(format!("{rate} baud?")));
     trying.finish_and_clear();
@@ -572,9 +603,9 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
             format!("at {rate} baud, {who} ({})", stranger::shown(&heard))
         }
         Ok(Search::Silence) => no_baud_rate(false),
-        Err(error) => return Err(failed(&arguments.port, rate, error)),
+        Err(error) => return Err(failed(arguments.line(), rate, error)),
     };
-    Err(anyhow!("{}: {why}", arguments.port))
+    Err(anyhow!("{}: {why}", arguments.line()))
 }
 
 /// While the line is not silent.

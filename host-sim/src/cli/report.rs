@@ -8,7 +8,7 @@ use answers::record::{
     sweep::Sweep,
     verdict::Verdict,
 };
-use answers::report::run::{run_report, runs_report};
+use answers::report::run::{run_report_with, runs_report};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 
@@ -117,8 +117,9 @@ pub(super) fn finish(
     outputs: &Prepared<'_>,
     end: &End,
 ) -> anyhow::Result<ExitCode> {
-    let mut code = Verdict::of(record).exit_code();
-    let mut text = end.mark_text(run_report(record));
+    let verdict = Verdict::of(record);
+    let mut code = verdict.exit_code();
+    let mut text = end.mark_text(run_report_with(record, &verdict));
     if *end != End::Whole {
         code = code.max(1);
     }

@@ -108,7 +108,8 @@ const FURTHER_STOPS: usize = 24;
 enum Backend {
     /// This program, in virtual time.
     Host,
-    /// An emulated nRF52840 for each node, in virtual time: the image that is flashed.
+    /// An emulated nRF52840 for each node, in virtual time: the image that is flashed. Only where host-sim was
+    /// built with `--features chip`.
     Nrf52840,
 }
 
@@ -202,10 +203,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         );
     }
     let mut chips = match arguments.backend {
-        Backend::Nrf52840 => {
-            let building = || tell("building what emulates the chips, once: some minutes");
-            Some(Chips::of(image, building)?)
-        }
+        Backend::Nrf52840 => Some(Chips::of(image)?),
         Backend::Host => None,
     };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
@@ -498,7 +496,7 @@ impl CameraLines {
 
     /// Without a terminal: a line where the status of a camera is another one.
     fn tell(&mut self, simulation: &Simulation) {
-        for (id, report) in simulation.reports() {
+        for (id, report) in simulation.new_reports() {
             let status = report.status();
             if self.told.insert(id, status) != Some(status) {
                 tell(format_args!(

@@ -1,7 +1,8 @@
 //! `host-sim solve`
 
 use std::{
-    io::{self, BufWriter, StdoutLock, Write},
+    fs::File,
+    io::{self, BufReader, BufWriter, Read, Seek, StdoutLock, Write},
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -11,8 +12,8 @@ use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
 use answers::lens;
 use answers::plot::{self, Map, MapCamera};
 use answers::recorded::{
-    self,
-    sightings::{self, Assumptions, Recording},
+    self, ReadError,
+    sightings::{self, Assumptions, Case, Recording, Survey},
     truth::{self, Truth},
 };
 use answers::report::{
@@ -130,17 +131,26 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .reads(&arguments.truth)
         .writes(&arguments.plot)
         .check()?;
-    let recording = read_sightings(arguments)?;
-    let truths = match &arguments.truth {
-        Some(path) => Some(read_truth(path, &recording)?),
-        None => None,
-    };
-    let report = answer_all(arguments, &recording, truths.as_deref())?;
-    print_summary(&report, arguments);
-    if let Some(path) = &arguments.plot {
-        write(path, draw(arguments, &recording, &report.answered))?;
+    let report;
+    let mut is_lens_off = false;
+    match read_sightings(arguments)? {
+        Sightings::Streamed(cases) => {
+            report = answer_all(arguments, cases, None)?;
+            print_summary(&report, arguments);
+        }
+        Sightings::Kept(recording) => {
+            let truths = match &arguments.truth {
+                Some(path) => Some(read_truth(path, &recording)?),
+                None => None,
+            };
+            report = answer_all(arguments, &recording, truths.as_deref())?;
+            print_summary(&report, arguments);
+            if let Some(path) = &arguments.plot {
+                write(path, draw(arguments, &recording, &report.answered))?;
+            }
+            is_lens_off = check_lens(arguments, &recording)?;
+        }
     }
-    let is_lens_off = check_lens(arguments, &recording)?;
     let nothing_read = report.tally.because(Reason::Unreadable) == report.tally.total();
     let usable = [Status::Calibrated, Status::Weak].map(|status| report.tally.count(status));
     Ok(ExitCode::from(match usable {
@@ -150,7 +160,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }))
 }
 
-fn read_sightings(arguments: &Arguments) -> anyhow::Result<Recording> {
+/// What is to be answered.
+enum Sightings {
+    /// Everything, where all cases are needed together or their rows are mixed.
+    Kept(Recording),
+    /// A file that was looked through, and is read again case by case: memory for one case is enough.
+    Streamed(Streamed),
+}
+
+/// See [`Sightings::Streamed`].
+struct Streamed {
+    file: File,
+    assumptions: Assumptions,
+    survey: Survey,
+}
+
+fn read_sightings(arguments: &Arguments) -> anyhow::Result<Sightings> {
     let assumptions = Assumptions {
         camera: arguments.camera.camera(USUAL_COLUMNS)?,
         bearing_sigma: arguments.bearing_sigma,
@@ -158,18 +183,115 @@ fn read_sightings(arguments: &Arguments) -> anyhow::Result<Recording> {
     };
     let path = &arguments.file;
     let mut messages = Messages::new(file_name(path));
-    let recording = recorded::open(path, |input, length| messages.watch(input, length))
-        .and_then(|input| sightings::read(input, &assumptions, |what| messages.complain(&what)));
+    let needs_all =
+        arguments.truth.is_some() || arguments.plot.is_some() || assumptions.camera.is_some();
+    let read = match needs_all {
+        true => recorded::open(path, |input, length| messages.watch(input, length))
+            .and_then(|input| sightings::read(input, &assumptions, |what| messages.complain(&what)))
+            .map(Sightings::Kept),
+        false => look_through(path, &assumptions, &mut messages),
+    };
     messages.finish();
-    let recording = recording.map_err(|error| of_file(path, error))?;
-    if recording.is_empty() {
+    let read = read.map_err(|error| of_file(path, error))?;
+    let (cases, sigma_assumed, passed_over) = match &read {
+        Sightings::Kept(all) => (all.len(), all.sigma_assumed(), all.passed_over()),
+        Sightings::Streamed(Streamed { survey, .. }) => {
+            (survey.cases, survey.sigma_assumed, survey.passed_over)
+        }
+    };
+    if cases == 0 {
         bail!("{} has no row with a case", file_name(path));
     }
-    if recording.sigma_assumed() {
+    if sigma_assumed {
         tell_assumed_sigma(path);
     }
-    tell_passed_over(path, recording.passed_over());
-    Ok(recording)
+    tell_passed_over(path, passed_over);
+    Ok(read)
+}
+
+/// Reads a file without keeping it, or all of it if the rows of its cases are mixed.
+fn look_through(
+    path: &Path,
+    assumptions: &Assumptions,
+    messages: &mut Messages,
+) -> Result<Sightings, ReadError> {
+    let mut file = twice_readable(path)?;
+    let length = file.metadata()?.len();
+    let input = BufReader::with_capacity(
+        BUFFER,
+        messages.watch(Box::new(file.try_clone()?), Some(length)),
+    );
+    let survey = sightings::survey(input, assumptions, |what| messages.complain(&what))?;
+    file.rewind()?;
+    if !survey.are_together {
+        let input = BufReader::with_capacity(BUFFER, file);
+        return sightings::read(input, assumptions, |_| ()).map(Sightings::Kept);
+    }
+    Ok(Sightings::Streamed(Streamed {
+        file,
+        assumptions: *assumptions,
+        survey,
+    }))
+}
+
+/// A file that can be read again; what comes in a stream is put into one that nobody else sees.
+fn twice_readable(path: &Path) -> io::Result<File> {
+    let mut stream: Box<dyn Read> = match path == Path::new("-") {
+        true => Box::new(io::stdin()),
+        false => {
+            let file = File::open(path)?;
+            if file.metadata()?.is_file() {
+                return Ok(file);
+            }
+            Box::new(file)
+        }
+    };
+    let mut kept = tempfile::tempfile()?;
+    io::copy(&mut stream, &mut kept)?;
+    kept.rewind()?;
+    Ok(kept)
+}
+
+/// Cases, one after the other.
+trait Cases {
+    /// How many.
+    fn count(&self) -> usize;
+
+    /// Characters of the longest name.
+    fn widest(&self) -> usize;
+
+    /// All of them, in the order of the file.
+    fn each(self, take: impl FnMut(&str, &Case) -> anyhow::Result<()>) -> anyhow::Result<()>;
+}
+
+impl Cases for &Recording {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn widest(&self) -> usize {
+        let widths = self.cases().map(|(id, _)| id.chars().count());
+        widths.max().unwrap_or_default()
+    }
+
+    fn each(self, mut take: impl FnMut(&str, &Case) -> anyhow::Result<()>) -> anyhow::Result<()> {
+        self.cases().try_for_each(|(id, case)| take(id, case))
+    }
+}
+
+impl Cases for Streamed {
+    fn count(&self) -> usize {
+        self.survey.cases
+    }
+
+    fn widest(&self) -> usize {
+        self.survey.widest
+    }
+
+    fn each(self, take: impl FnMut(&str, &Case) -> anyhow::Result<()>) -> anyhow::Result<()> {
+        let input = BufReader::with_capacity(BUFFER, self.file);
+        sightings::each(input, &self.assumptions, take)
+    }
 }
 
 fn read_truth(path: &Path, recording: &Recording) -> anyhow::Result<Vec<Option<Truth>>> {
@@ -183,27 +305,34 @@ fn read_truth(path: &Path, recording: &Recording) -> anyhow::Result<Vec<Option<T
 /// What is left to be said after the answers.
 struct Report {
     tally: Tally,
-    /// Which cases have a pose.
+    /// Which cases have a pose, if they are to be drawn.
     answered: Vec<usize>,
-    /// Cases that fit another place, which is given here, about as well as their own.
+    /// Cases that fit another place, which is given here, about as well as their own: the first of them.
     ambiguous: Vec<(String, Point2<f64>)>,
+    /// How many there are.
+    ambiguous_count: usize,
 }
+
+/// Bytes that are read at once.
+const BUFFER: usize = 1 << 16;
 
 /// So many ambiguous cases are told one by one.
 const TOLD: usize = 5;
 
 fn answer_all(
     arguments: &Arguments,
-    recording: &Recording,
+    cases: impl Cases,
     truths: Option<&[Option<Truth>]>,
 ) -> anyhow::Result<Report> {
-    let mut output = Output::begin(arguments, recording)?;
+    let mut output = Output::begin(arguments, &cases)?;
     let mut solver = solver(arguments);
     let mut tally = Tally::default();
     let mut comparisons = Comparisons::default();
-    let (mut answered, mut ambiguous) = (Vec::new(), Vec::new());
-    let bar = messages::solving_bar(recording.len());
-    for (place, (id, case)) in recording.cases().enumerate() {
+    let (mut answered, mut ambiguous, mut ambiguous_count) = (Vec::new(), Vec::new(), 0);
+    let bar = messages::solving_bar(cases.count());
+    let mut places = 0..;
+    cases.each(|id, case| {
+        let place = places.next().unwrap_or_default();
         let answer = solver.answer(id, case);
         output.write(&answer)?;
         tally.add(&answer);
@@ -211,11 +340,19 @@ fn answer_all(
             if let (Some(truths), true) = (truths, answer.is_kept()) {
                 comparisons.add(&solution.pose, truths.get(place).and_then(Option::as_ref));
             }
-            answered.push(place);
+            if arguments.plot.is_some() {
+                answered.push(place);
+            }
         }
-        ambiguous.extend(answer.alternative.map(|other| (id.to_owned(), other)));
+        if let Some(other) = answer.alternative {
+            ambiguous_count += 1;
+            if ambiguous.len() < TOLD {
+                ambiguous.push((id.to_owned(), other));
+            }
+        }
         bar.inc(1);
-    }
+        Ok(())
+    })?;
     bar.finish_and_clear();
     let comparison = truths.map(|_| describe(comparisons, &tally, &arguments.unit));
     unless_gone(output.finish(comparison))?;
@@ -223,6 +360,7 @@ fn answer_all(
         tally,
         answered,
         ambiguous,
+        ambiguous_count,
     })
 }
 
@@ -250,14 +388,12 @@ enum Output<'a> {
 }
 
 impl Output<'_> {
-    fn begin(arguments: &Arguments, recording: &Recording) -> io::Result<Self> {
+    fn begin(arguments: &Arguments, cases: &impl Cases) -> io::Result<Self> {
         let out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
         if arguments.json {
             return Ok(Self::Json(out));
         }
-        let widths = recording.cases().map(|(id, _)| id.chars().count());
-        let widest = widths.max().unwrap_or_default();
-        PoseTable::begin(out, &arguments.unit, widest).map(Self::Table)
+        PoseTable::begin(out, &arguments.unit, cases.widest()).map(Self::Table)
     }
 
     fn write(&mut self, answer: &Answer<'_>) -> io::Result<()> {
@@ -310,13 +446,13 @@ fn print_summary(report: &Report, arguments: &Arguments) {
             tell(format_args!("  {}: {advice}", words(what)));
         }
     }
-    for (case, other) in report.ambiguous.iter().take(TOLD) {
+    for (case, other) in &report.ambiguous {
         tell(format_args!(
             "  {}: ({:.3}, {:.3}) {} fits nearly as well",
             case, other.x, other.y, arguments.unit
         ));
     }
-    if let more @ 1.. = report.ambiguous.len().saturating_sub(TOLD) {
+    if let more @ 1.. = report.ambiguous_count.saturating_sub(TOLD) {
         tell(format_args!("  and {more} more"));
     }
 }

@@ -88,6 +88,10 @@ pub(super) struct Arguments {
     /// Estimate how large the errors of displacements are, rather than to believe their sigmas.
     #[arg(long)]
     fit_legs: bool,
+    /// Poses and places from all measurements as they are, and nothing else: nothing is looked for that
+    /// contradicts, and no residual or protection level is told.
+    #[arg(long, conflicts_with_all = ["fit_legs", "bearings_only"])]
+    poses_only: bool,
     /// Call poses weak whose predicted standard deviation of position is above this.
     #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
     max_sigma: Option<f64>,
@@ -202,6 +206,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let settings = Settings {
         max_sigma: arguments.max_sigma,
         fit_legs: arguments.fit_legs,
+        poses_only: arguments.poses_only,
     };
     let mut solutions = Vec::new();
     for sightings in &measured.sightings {

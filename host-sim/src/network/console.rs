@@ -214,7 +214,20 @@ impl Console {
         journal.note(shared.id, format_args!("to the PC: {message:?}"));
         let now = Duration::from_nanos(shared.clock.time());
         let mut view = shared.view.borrow_mut();
-        if let Some(words) = view.take(now, message) {
+        // Whoever had the address, and whoever has it now.
+        let address = match *message {
+            ToPc::Member { address, .. }
+            | ToPc::Report { address, .. }
+            | ToPc::Removed { address, .. } => Some(address),
+            _ => None,
+        };
+        let before = address.and_then(|address| view.id_of(address));
+        let words = view.take(now, message);
+        let after = address.and_then(|address| view.id_of(address));
+        for member in [before, after].into_iter().flatten() {
+            journal.told(member, shared.id);
+        }
+        if let Some(words) = words {
             journal.moment(shared.id, || Moment::Said(words));
         }
         if let ToPc::Tracked { .. } | ToPc::Object { .. } = message

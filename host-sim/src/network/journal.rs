@@ -2,7 +2,7 @@
 
 use std::{
     cell::RefCell,
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap},
     fmt::Arguments,
     io::Write,
     rc::Rc,
@@ -161,6 +161,12 @@ pub(super) struct Journal {
     pub(super) moments: Option<Vec<(Time, u16, Moment)>>,
     log: Option<Box<dyn Write>>,
     pub(super) nodes: HashMap<u16, NodeEntry>,
+    /// Of a node of which nothing became known.
+    blank: NodeEntry,
+    /// Members of which coordinators told something, each with the coordinators that did.
+    tellers: BTreeMap<u16, BTreeSet<u16>>,
+    /// Those since somebody asked last.
+    told: BTreeSet<u16>,
     /// Stops that targets have left, or ended with.
     pub(super) stops_ended: usize,
     /// Targets that have walked their whole way.
@@ -175,6 +181,9 @@ impl Journal {
             moments: None,
             log,
             nodes: HashMap::new(),
+            blank: NodeEntry::default(),
+            tellers: BTreeMap::new(),
+            told: BTreeSet::new(),
             stops_ended: 0,
             walked: 0,
         }
@@ -183,6 +192,27 @@ impl Journal {
     pub(super) fn node(&mut self, id: u16) -> &mut NodeEntry {
         self.changes += 1;
         self.nodes.entry(id).or_default()
+    }
+
+    /// What became known of a node.
+    pub(super) fn entry(&self, id: u16) -> &NodeEntry {
+        self.nodes.get(&id).unwrap_or(&self.blank)
+    }
+
+    /// A coordinator told its PC of a member.
+    pub(super) fn told(&mut self, member: u16, coordinator: u16) {
+        self.told.insert(member);
+        self.tellers.entry(member).or_default().insert(coordinator);
+    }
+
+    /// Members of which coordinators told something since this was asked last.
+    pub(super) fn take_told(&mut self) -> BTreeSet<u16> {
+        std::mem::take(&mut self.told)
+    }
+
+    /// The coordinators that told of a member.
+    pub(super) fn tellers(&self, member: u16) -> impl Iterator<Item = u16> + '_ {
+        self.tellers.get(&member).into_iter().flatten().copied()
     }
 
     /// A pose of this node is known from now on, if it was not before.

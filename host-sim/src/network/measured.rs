@@ -54,9 +54,10 @@ fn seen_by(
     console: &Console,
     numbers: &Numbers,
 ) -> Vec<Bearing> {
-    let seen = simulation.entry(camera).seen.into_iter();
-    let bearings = seen.filter_map(|((address, told), seen)| {
-        let target = console.view().id_of(address)?;
+    let entry = simulation.entry(camera);
+    let view = console.view();
+    let bearings = entry.seen.iter().filter_map(|(&(address, told), seen)| {
+        let target = view.id_of(address)?;
         Some(Bearing {
             target,
             stop: *numbers.get(&(target, told))?,
@@ -69,10 +70,10 @@ fn seen_by(
 }
 
 fn ways(simulation: &Simulation, target: &TargetNode, numbers: &Numbers) -> Vec<Leg> {
-    let stops = simulation.entry(target.id).stops.into_iter();
-    let legs = stops.filter_map(|(told, stop)| {
-        let number = *numbers.get(&(target.id, told))?;
-        let way = stop.way.filter(|_| number > 1)?;
+    let entry = simulation.entry(target.id);
+    let legs = entry.stops.iter().filter_map(|(told, stop)| {
+        let number = *numbers.get(&(target.id, *told))?;
+        let way = stop.way.as_ref().filter(|_| number > 1)?;
         let covariance = way.covariance;
         Some(Leg {
             target: target.id,

@@ -42,8 +42,8 @@ mod outcome;
 mod walk;
 
 use std::{
-    cell::{Cell, RefCell},
-    collections::BTreeMap,
+    cell::{Cell, Ref, RefCell},
+    collections::{BTreeMap, HashMap},
     io::Write,
     rc::Rc,
     sync::{
@@ -59,14 +59,12 @@ use node_firmware::{
     message::Report,
 };
 
-pub use chip_pipe::End as ChipEnd;
-
 pub use self::{
     camera::{CameraDevice, Pixy2Device},
     console::Terminal,
     emulated::{
         EmulatorError,
-        chips::{CHIP_IMAGE, Chips},
+        chips::{CHIP_IMAGE, Chips, outside},
     },
     looking::Onlooker,
     many::{run_all, run_all_until},
@@ -170,7 +168,11 @@ pub struct Simulation {
     light: Rc<Cell<[f64; 3]>>,
     journal: SharedJournal,
     nodes: Vec<Rc<Node>>,
+    /// Where each node is among them, by its number.
+    index: HashMap<u16, usize>,
     consoles: Vec<Console>,
+    /// Where each coordinator's is among them, by its number.
+    console_index: HashMap<u16, usize>,
     further: further::Further,
     attacker: attack::Attacker,
     chips: Option<Rc<Pool>>,
@@ -221,7 +223,9 @@ impl Simulation {
             light: Rc::new(Cell::new([1.0; 3])),
             journal,
             nodes: Vec::new(),
+            index: HashMap::new(),
             consoles: Vec::new(),
+            console_index: HashMap::new(),
             further: further::Further::new(options.further_stops),
             attacker: attack::Attacker::default(),
             chips,
@@ -258,6 +262,11 @@ impl Simulation {
             self.nodes.push(coordinator);
             self.consoles.push(console);
         }
+        for (place, node) in self.nodes.iter().enumerate() {
+            self.index.entry(node.id()).or_insert(place);
+        }
+        let consoles = self.consoles.iter().enumerate();
+        self.console_index = consoles.map(|(place, it)| (it.id(), place)).collect();
         // Targets are switched on by their carriers.
         for node in self.nodes.iter().filter(|node| !node.is_target()) {
             node.switch_on();
@@ -456,7 +465,7 @@ impl Simulation {
 
     /// What is known of emulated chips since they last had power, by their nodes' numbers, once the simulation
     /// has run.
-    pub fn chips(&self) -> BTreeMap<u16, ChipEnd> {
+    pub fn chips(&self) -> BTreeMap<u16, outside::End> {
         let nodes = self.nodes.iter();
         nodes
             .filter_map(|node| Some((node.id(), node.end()?)))
@@ -466,12 +475,24 @@ impl Simulation {
     /// What cameras last told their coordinators, by their numbers.
     pub fn reports(&self) -> BTreeMap<u16, Report> {
         let cameras = self.nodes.iter().map(|node| node.id());
-        let of = |id| {
-            let mut consoles = self.consoles.iter();
-            let report = consoles.find_map(|console| console.view().member(id)?.report)?;
-            Some((id, report))
-        };
-        cameras.filter_map(of).collect()
+        cameras.filter_map(|id| self.report(id)).collect()
+    }
+
+    /// The same of those of which something was told since this was asked last.
+    pub fn new_reports(&self) -> BTreeMap<u16, Report> {
+        let told = self.journal.borrow_mut().take_told();
+        told.into_iter().filter_map(|id| self.report(id)).collect()
+    }
+
+    /// Of coordinators that tell of the same camera, the first one's.
+    fn report(&self, id: u16) -> Option<(u16, Report)> {
+        let journal = self.journal.borrow();
+        let consoles = { journal.tellers(id) }.filter_map(|id| self.console_index.get(&id));
+        let mut consoles: Vec<usize> = consoles.copied().collect();
+        consoles.sort_unstable();
+        let mut consoles = consoles.into_iter().map(|place| &self.consoles[place]);
+        let report = consoles.find_map(|console| console.view().member(id)?.report)?;
+        Some((id, report))
     }
 
     /// No walk takes longer than all its patience, and all rests.
@@ -532,13 +553,12 @@ impl Simulation {
     }
 
     fn node(&self, id: u16) -> Option<&Rc<Node>> {
-        self.nodes.iter().find(|node| node.id() == id)
+        self.nodes.get(*self.index.get(&id)?)
     }
 
     /// What became known of a node.
-    fn entry(&self, id: u16) -> NodeEntry {
-        let journal = self.journal.borrow();
-        journal.nodes.get(&id).cloned().unwrap_or_default()
+    fn entry(&self, id: u16) -> Ref<'_, NodeEntry> {
+        Ref::map(self.journal.borrow(), |journal| journal.entry(id))
     }
 }
 

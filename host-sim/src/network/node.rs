@@ -413,8 +413,10 @@ impl Node {
 
     /// Of the page of its flash that was erased most; unknown of an emulated board.
     pub(super) fn page_erasures(&self) -> Option<u32> {
-        let wear = self.board.is_none().then(|| self.flash.wear())?;
-        wear.erasures.into_iter().max()
+        match self.board {
+            Some(_) => None,
+            None => self.flash.most_erasures(),
+        }
     }
 
     /// Whether its firmware runs on an emulated board.
@@ -656,7 +658,7 @@ impl Node {
     }
 
     /// What is known of its emulated chip, once the simulation has ended.
-    pub(super) fn end(&self) -> Option<chip_pipe::End> {
+    pub(super) fn end(&self) -> Option<chips::outside::End> {
         Some(self.board.as_ref()?.end())
     }
 

@@ -225,8 +225,8 @@ fn is_silent(simulation: &Simulation, network: &Network, node: &Node, entry: &No
         return false;
     };
     let targets = network.targets.iter();
-    let entries = targets.map(|target| simulation.entry(target.id));
-    let asked = entries.filter_map(|entry| entry.asked.get(&address).copied());
+    let asked =
+        targets.filter_map(|target| simulation.entry(target.id).asked.get(&address).copied());
     has_missed(simulation, entry, asked)
 }
 
@@ -323,9 +323,9 @@ fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
     if let Some(said) = entry.said {
         node.heard_seconds = Some(seconds(said));
     }
-    let failures = entry.failures.into_iter().map(|(at, why)| Failure {
-        seconds: seconds(at),
-        why,
+    let failures = entry.failures.iter().map(|(at, why)| Failure {
+        seconds: seconds(*at),
+        why: why.clone(),
     });
     node.failures = failures.collect();
     if let Some(hardware) = simulation.node(node.id) {

@@ -24,8 +24,8 @@ use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
 use node_firmware::vision::{Blob, Grid, steady::Steady};
 
-/// The camera on a serial port.
-pub type Device = Cmucam2<port::Port, port::Sleep>;
+/// The camera on a line.
+pub type Device = Cmucam2<port::Port, port::Clock>;
 
 /// How a sensor is called.
 pub fn sensor_name(sensor: Option<Sensor>) -> &'static str {

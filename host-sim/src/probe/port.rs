@@ -2,12 +2,11 @@
 
 use std::{
     collections::VecDeque,
-    fmt,
-    io::{self, Write},
+    fmt, io,
     path::Path,
     str::FromStr,
     sync::{
-        Arc, Mutex,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
     thread,
@@ -38,6 +37,12 @@ const LEAVING: Duration = Duration::from_millis(300);
 
 /// How often a quiet line is looked at. The operating system keeps what comes in between.
 const POLL_US: u32 = 1_000;
+
+/// Silences after which something is wrong, longer than a board's: an adapter on USB holds bytes back, and so does
+/// a computer that is busy, where the camera is another program of it.
+const REPLY_US: u32 = 1_000_000;
+const DRAIN_US: u32 = 300_000;
+const SETTLE_US: u32 = 100_000;
 
 /// How often the stop sequence is repeated at each rate, round by round. The second round is for
 /// noisy lines, and for cameras that were just switched on and slept through the right rate.
@@ -160,9 +165,119 @@ impl Heard {
     }
 }
 
-/// An open serial port: 8 data bits, no parity, one stop bit, no flow control.
-pub struct Port {
+/// A line to a device, with the clock by which it is waited for: a serial port, or an emulated camera in virtual
+/// time.
+pub trait Wire: Send {
+    /// Time since it was opened.
+    fn now(&self) -> Duration;
+    /// Lets so much time pass.
+    fn sleep(&mut self, time: Duration);
+    /// Sets the rate, bits per second.
+    ///
+    /// # Errors
+    /// Those of the operating system, here and below.
+    fn set_baud_rate(&mut self, rate: u32) -> io::Result<()>;
+    /// Tells whether bytes have come.
+    ///
+    /// # Errors
+    /// See above.
+    fn is_ready(&mut self) -> io::Result<bool>;
+    /// Reads bytes, one at least.
+    ///
+    /// # Errors
+    /// See above.
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize>;
+    /// Writes bytes, one at least.
+    ///
+    /// # Errors
+    /// See above.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize>;
+    /// Waits until all is sent.
+    ///
+    /// # Errors
+    /// See above.
+    fn flush(&mut self) -> io::Result<()>;
+    /// Drops what has come.
+    ///
+    /// # Errors
+    /// See above.
+    fn clear(&mut self) -> io::Result<()>;
+}
+
+/// A serial port, in real time.
+struct Serial {
     port: Box<dyn SerialPort>,
+    opened: Instant,
+}
+
+impl Wire for Serial {
+    fn now(&self) -> Duration {
+        self.opened.elapsed()
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        thread::sleep(time);
+    }
+
+    fn set_baud_rate(&mut self, rate: u32) -> io::Result<()> {
+        Ok(self.port.set_baud_rate(rate)?)
+    }
+
+    fn is_ready(&mut self) -> io::Result<bool> {
+        Ok(self.port.bytes_to_read()? > 0)
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.port.read(buffer)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.port.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.port.flush()
+    }
+
+    fn clear(&mut self) -> io::Result<()> {
+        Ok(self.port.clear(serialport::ClearBuffer::Input)?)
+    }
+}
+
+/// The clock of a line, and the delay of a driver.
+#[derive(Clone)]
+pub struct Clock(Arc<Mutex<dyn Wire>>);
+
+impl Clock {
+    fn wire(&self) -> MutexGuard<'_, dyn Wire + 'static> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Time since the line was opened.
+    pub fn now(&self) -> Duration {
+        self.wire().now()
+    }
+
+    fn sleep(&self, time: Duration) {
+        self.wire().sleep(time);
+    }
+}
+
+impl fmt::Debug for Clock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Clock").finish_non_exhaustive()
+    }
+}
+
+impl embedded_hal::delay::DelayNs for Clock {
+    fn delay_ns(&mut self, ns: u32) {
+        self.sleep(Duration::from_nanos(u64::from(ns)));
+    }
+}
+
+/// An open line. A serial port has 8 data bits, no parity, one stop bit, no flow control.
+pub struct Port {
+    clock: Clock,
     interrupted: Arc<AtomicBool>,
     heard: Heard,
 }
@@ -179,11 +294,23 @@ impl Port {
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
         let port = open(path, baud_rate, WRITE_TIMEOUT)?;
-        Ok(Self {
-            port,
+        let opened = Instant::now();
+        let wire = Arc::new(Mutex::new(Serial { port, opened }));
+        Ok(Self::on(wire, interrupted))
+    }
+
+    /// A port on another line.
+    pub fn on(wire: Arc<Mutex<dyn Wire>>, interrupted: Arc<AtomicBool>) -> Self {
+        Self {
+            clock: Clock(wire),
             interrupted,
             heard: Heard::default(),
-        })
+        }
+    }
+
+    /// The clock of its line.
+    pub fn clock(&self) -> Clock {
+        self.clock.clone()
     }
 
     /// The last bytes that came, also after the port was given away.
@@ -197,22 +324,34 @@ impl Port {
     /// # Errors
     /// Those of the port.
     fn leave_raw_modes(&mut self) -> Result<(), PortError> {
-        self.patiently(|port| port.write_all(b"\rRM\x01\x00\rRM 0\r\r"))?;
-        thread::sleep(LEAVING);
+        self.send_all(b"\rRM\x01\x00\rRM 0\r\r")?;
+        self.clock.sleep(LEAVING);
         // What it answers belongs to none of the driver's commands.
-        self.patiently(|port| Ok(port.clear(serialport::ClearBuffer::Input)?))
+        self.patiently(|wire| wire.clear())
+    }
+
+    fn send_all(&mut self, mut bytes: &[u8]) -> Result<(), PortError> {
+        while !bytes.is_empty() {
+            let sent = self.patiently(|wire| wire.write(bytes))?;
+            bytes = bytes.get(sent..).unwrap_or_default();
+        }
+        Ok(())
+    }
+
+    fn set_baud_rate(&mut self, rate: u32) -> Result<(), PortError> {
+        self.patiently(|wire| wire.set_baud_rate(rate))
     }
 
     /// Whether anything comes within a while. It is dropped.
     fn is_busy(&mut self) -> Result<bool, PortError> {
-        let begun = Instant::now();
-        while begun.elapsed() < SILENT {
-            if self.patiently(|port| Ok(port.bytes_to_read()? > 0))? {
-                self.patiently(|port| Ok(port.clear(serialport::ClearBuffer::Input)?))?;
-                thread::sleep(SILENT / 10);
+        let begun = self.clock.now();
+        while self.clock.now().saturating_sub(begun) < SILENT {
+            if self.patiently(|wire| wire.is_ready())? {
+                self.patiently(|wire| wire.clear())?;
+                self.clock.sleep(SILENT / 10);
                 return Ok(true);
             }
-            thread::sleep(SILENT / 10);
+            self.clock.sleep(SILENT / 10);
         }
         Ok(false)
     }
@@ -220,13 +359,13 @@ impl Port {
     /// Does it again when a signal has cut it short that does not mean Ctrl-C.
     fn patiently<T>(
         &mut self,
-        mut call: impl FnMut(&mut Box<dyn SerialPort>) -> io::Result<T>,
+        mut call: impl FnMut(&mut dyn Wire) -> io::Result<T>,
     ) -> Result<T, PortError> {
         loop {
             if self.interrupted.load(Ordering::Relaxed) {
                 return Err(PortError::Interrupted);
             }
-            match call(&mut self.port) {
+            match call(&mut *self.clock.wire()) {
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 done => return Ok(done?),
             }
@@ -265,9 +404,7 @@ fn open_error(path: String, error: &serialport::Error) -> OpenError {
 
 impl fmt::Debug for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Port")
-            .field("name", &self.port.name())
-            .finish_non_exhaustive()
+        f.debug_struct("Port").finish_non_exhaustive()
     }
 }
 
@@ -297,7 +434,7 @@ impl embedded_io::ErrorType for Port {
 
 impl embedded_io::Read for Port {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, PortError> {
-        let count = self.patiently(|port| port.read(buffer))?;
+        let count = self.patiently(|wire| wire.read(buffer))?;
         self.heard.push(&buffer[..count]);
         Ok(count)
     }
@@ -305,40 +442,31 @@ impl embedded_io::Read for Port {
 
 impl embedded_io::ReadReady for Port {
     fn read_ready(&mut self) -> Result<bool, PortError> {
-        self.patiently(|port| Ok(port.bytes_to_read()? > 0))
+        self.patiently(|wire| wire.is_ready())
     }
 }
 
 impl embedded_io::Write for Port {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, PortError> {
-        self.patiently(|port| port.write(bytes))
+        self.patiently(|wire| wire.write(bytes))
     }
 
     fn flush(&mut self) -> Result<(), PortError> {
-        self.patiently(Write::flush)
-    }
-}
-
-/// The delay of the operating system.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Sleep;
-
-impl embedded_hal::delay::DelayNs for Sleep {
-    fn delay_ns(&mut self, ns: u32) {
-        thread::sleep(Duration::from_nanos(u64::from(ns)));
+        self.patiently(|wire| wire.flush())
     }
 }
 
 /// The camera on an open port. Nothing is sent yet.
 pub fn device(port: Port) -> Device {
-    Cmucam2::with_policy(
-        port,
-        Sleep,
-        Policy {
-            poll_us: POLL_US,
-            ..Policy::default()
-        },
-    )
+    let clock = port.clock();
+    let policy = Policy {
+        reply_us: REPLY_US,
+        drain_us: DRAIN_US,
+        settle_us: SETTLE_US,
+        poll_us: POLL_US,
+        ..Policy::default()
+    };
+    Cmucam2::with_policy(port, clock, policy)
 }
 
 /// Tells the camera to leave the raw modes, in which other programs leave it: it does not
@@ -365,10 +493,10 @@ const QUIETENED: Duration = Duration::from_secs(45);
 /// # Errors
 /// Those of the port.
 pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError> {
-    let begun = Instant::now();
+    let begun = port.clock.now();
     let mut was_busy = false;
     let mut waiting = Some(waiting);
-    while begun.elapsed() < QUIETENED && port.is_busy()? {
+    while port.clock.now().saturating_sub(begun) < QUIETENED && port.is_busy()? {
         if let Some(waiting) = waiting.take() {
             waiting();
         }
@@ -376,17 +504,15 @@ pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError
             was_busy = true;
             // So it is also ended if nobody waits for it.
             for rate in BAUD_RATES {
-                port.port.set_baud_rate(rate).map_err(io::Error::from)?;
-                port.patiently(|port| port.write_all(b"\r"))?;
-                port.patiently(Write::flush)?;
+                port.set_baud_rate(rate)?;
+                port.send_all(b"\r")?;
+                port.patiently(|wire| wire.flush())?;
                 // Some adapters change their rate at once, before they have sent.
-                thread::sleep(SILENT / 10);
+                port.clock.sleep(SILENT / 10);
             }
         }
     }
-    port.port
-        .set_baud_rate(BAUD_RATES[0])
-        .map_err(io::Error::from)?;
+    port.set_baud_rate(BAUD_RATES[0])?;
     Ok(port)
 }
 
@@ -425,8 +551,7 @@ pub fn find_baud_rate(
         for rate in BAUD_RATES {
             trying(rate);
             port.heard.forget();
-            let set = port.port.set_baud_rate(rate).map_err(io::Error::from);
-            set.map_err(|error| Error::Uart(error.into()))?;
+            port.set_baud_rate(rate).map_err(Error::Uart)?;
             if round > 0 {
                 port.leave_raw_modes().map_err(Error::Uart)?;
             }
@@ -436,7 +561,8 @@ pub fn find_baud_rate(
                 retries,
                 ..Policy::default()
             };
-            let mut camera = Cmucam2::with_policy(port, Sleep, policy);
+            let clock = port.clock();
+            let mut camera = Cmucam2::with_policy(port, clock, policy);
             let answer = camera.set(Command::Idle).wait();
             port = camera.release().0;
             match answer {

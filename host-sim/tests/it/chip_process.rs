@@ -1,227 +1,265 @@
-//! The process with the emulated chips, as the simulation sees it. In its place is mostly a test of this
-//! program, [`stands_for_chips`], whose chips do nothing.
-#![cfg(target_os = "linux")]
+//! Chips as the simulation sees them. In their place is mostly something that does what a test says,
+//! [`StandIn`].
 
 use std::{
-    env,
-    fs::{self, File},
-    io::{self, BufReader, Write as _},
+    cell::RefCell,
     net::{Ipv4Addr, TcpListener},
-    os::unix::{fs::PermissionsExt, process::CommandExt},
-    path::{Path, PathBuf},
-    process::{Child, Command, Output, Stdio},
-    thread,
-    time::Duration,
+    process::{Command, Output},
+    rc::Rc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use crate::small::SMALL;
 use answers::record::RunRecord;
-use chip_pipe::{Deed, Order, Orders, Reports, Wires, read, write};
-use host_sim::network::CHIP_IMAGE;
-use tempfile::TempDir;
+use host_sim::network::{
+    Chips, EmulatorError, Options, Simulation,
+    outside::{Deed, Emulator, End, Order, Reports, Wires},
+};
+use site::{Overrides, Scenario};
 
-/// What makes a test stand for the process, and is what it is to do.
-const DOES: &str = "CHIPS_DO";
-/// It notes there what it is told: the seed of each start of node 3, and the end.
-const NOTES: &str = "notes";
-/// It ends at the first or second start of node 3.
-const ENDS: [&str; 2] = ["ends at start 1", "ends at start 2"];
-/// It goes on to the end.
-const STAYS: &str = "stays";
-/// It does not answer any more once node 3 has started, as if GDB had it stand still.
-const WAITS: &str = "waits";
-/// The chip of node 3 does something at each of its starts; the process ends at the second one.
-const DOES_WELL: &str = "does well";
-const RESTARTS: &str = "restarts";
-const FAILS: &str = "fails";
-const OTHER_PAGE: &str = "does not know its page";
-const OTHER_PINS: &str = "sends elsewhere";
-const OTHER_RATE: &str = "sends too fast";
-const OTHER_BUS: &str = "has its bus elsewhere";
-const OTHER_MEMORY: &str = "has its memory elsewhere";
+/// What a stand-in was told.
+#[derive(Debug, Default)]
+struct Notes {
+    /// The seed of each start of node 3.
+    seeds: Vec<u64>,
+    has_ended: bool,
+}
 
-/// What it does there.
-fn deeds(does: &str) -> Vec<Deed> {
-    let restarts = |by: &str, has_settings| Deed::Restarts {
+/// Chips of which that of node 3 does this at each of its starts, and the others nothing. At the second start the
+/// run is interrupted, or the stand-in panics.
+struct StandIn {
+    deeds: Vec<Deed>,
+    panics: bool,
+    stop: Arc<AtomicBool>,
+    notes: Rc<RefCell<Notes>>,
+}
+
+impl Emulator for StandIn {
+    fn debug(&mut self, _: u32, _: u16, _: Arc<AtomicBool>) {}
+
+    fn run(&mut self, orders: Vec<(u32, Order)>, until: u64) -> Reports {
+        let mut deeds = Vec::new();
+        for (number, order) in orders {
+            if let (3, Order::On { seed, .. }) = (number, order) {
+                let mut notes = self.notes.borrow_mut();
+                notes.seeds.push(seed);
+                if notes.seeds.len() == 2 {
+                    assert!(!self.panics, "a planted panic");
+                    self.stop.store(true, Ordering::Relaxed);
+                }
+                deeds = { self.deeds.iter() }
+                    .map(|deed| (until, 3, deed.clone()))
+                    .collect();
+            }
+        }
+        Reports {
+            reached: until,
+            next: until,
+            deeds,
+        }
+    }
+
+    fn look(&mut self) -> Reports {
+        Reports::default()
+    }
+
+    fn end(&mut self) -> Reports {
+        self.notes.borrow_mut().has_ended = true;
+        let end = Box::new(End {
+            instructions: 77,
+            ..End::default()
+        });
+        Reports {
+            deeds: vec![(0, 3, Deed::Ends(end))],
+            ..Reports::default()
+        }
+    }
+}
+
+/// A run of the small network that has ended.
+struct Ended {
+    simulation: Simulation,
+    record: RunRecord,
+    notes: Rc<RefCell<Notes>>,
+}
+
+impl Ended {
+    /// Why node 3 failed.
+    fn failures(&self) -> Vec<&str> {
+        let node = self.record.nodes.iter().find(|node| node.id == 3).unwrap();
+        let failures = node.failures.iter();
+        failures.map(|failure| failure.why.as_str()).collect()
+    }
+}
+
+/// The small network, of which node 3 loses its power for a moment, on chips that do this.
+fn run(deeds: &[Deed], panics: bool, seed: u64) -> Ended {
+    let text = SMALL.replace("at_s = 25.0", "at_s = 0.5");
+    let mut scenario = Scenario::from_toml(&text, &Overrides::default()).unwrap();
+    scenario.seed = seed;
+    let (stop, notes) = (
+        Arc::<AtomicBool>::default(),
+        Rc::<RefCell<Notes>>::default(),
+    );
+    let chips = Chips::emulated_by(StandIn {
+        deeds: deeds.to_vec(),
+        panics,
+        stop: stop.clone(),
+        notes: notes.clone(),
+    });
+    let options = Options {
+        chips: Some(chips),
+        stop,
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options).unwrap();
+    let record = simulation.run(|_| ());
+    Ended {
+        simulation,
+        record,
+        notes,
+    }
+}
+
+fn restarts(by: &str, has_settings: bool) -> Deed {
+    Deed::Restarts {
         by: by.into(),
         has_settings,
-    };
-    let logs = |line: &str| Deed::Logs(line.into());
-    let uart = |pins, rate| Deed::Uart(Wires { pins, rate });
-    let bus = |pins| {
-        let rate = 250_000;
-        Deed::I2c(Wires { pins, rate })
-    };
-    match does {
-        DOES_WELL => vec![
-            restarts("Core", true),
-            logs("error memory: Ram"),
-            uart([34, 33], 38_330),
-            bus([26, 27]),
-        ],
-        RESTARTS => vec![
-            restarts("Core", true),
-            restarts("Core", false),
-            logs("error before that: src/radio.rs:7 no frame"),
-            logs("error stopped: the radio failed"),
-            restarts("Model(\"WDT\")", false),
-        ],
-        FAILS => vec![Deed::Fails("a model panicked".into())],
-        OTHER_PAGE => vec![logs("error no configuration: Version { found: 9 }")],
-        OTHER_PINS => vec![uart([6, 8], 38_330)],
-        OTHER_RATE => vec![uart([34, 33], 250_000)],
-        OTHER_BUS => vec![bus([27, 26])],
-        OTHER_MEMORY => vec![Deed::Memory(vec![(0, vec![0xff; 4096])])],
-        _ => Vec::new(),
     }
 }
 
-/// Where this computer's programs are.
-const SYSTEM: &str = "/usr/bin:/bin";
+fn logs(line: &str) -> Deed {
+    Deed::Logs(line.into())
+}
 
-/// What the process does in some tests; in others nothing. Its reports do not go to the standard output,
-/// where tests tell how they went.
+fn uart(pins: [u32; 2], rate: u32) -> Deed {
+    Deed::Uart(Wires { pins, rate })
+}
+
+fn bus(pins: [u32; 2]) -> Deed {
+    let rate = 250_000;
+    Deed::I2c(Wires { pins, rate })
+}
+
+/// What the image does on its board.
+fn does_well() -> [Deed; 4] {
+    [
+        restarts("Core", true),
+        logs("error memory: Ram"),
+        uart([34, 33], 38_330),
+        bus([26, 27]),
+    ]
+}
+
+/// The first network whose node 3 cannot go on, and why.
 #[test]
-fn stands_for_chips() {
-    let Ok(does) = env::var(DOES) else {
-        return;
-    };
-    let done = deeds(&does);
-    let ends = ENDS.iter().position(|end| *end == does);
-    let end = ends.or((!done.is_empty()).then_some(1));
-    let mut orders = BufReader::new(io::stdin().lock());
-    let mut reports = File::options().write(true).open("/dev/fd/3").unwrap();
-    let mut notes = File::create(NOTES).unwrap();
-    let (mut starts, mut reached) = (0, 0);
-    while let Some(told) = read(&mut orders).unwrap() {
-        let mut deeds = Vec::new();
-        match told {
-            Orders::Run { orders, until } => {
-                for (number, order) in orders {
-                    if let (3, Order::On { seed, .. }) = (number, order) {
-                        writeln!(notes, "{seed}").unwrap();
-                        if end == Some(starts) {
-                            std::process::exit(3);
-                        }
-                        if does == WAITS {
-                            loop {
-                                thread::park();
-                            }
-                        }
-                        starts += 1;
-                        deeds = done.iter().map(|deed| (until, 3, deed.clone())).collect();
-                    }
-                }
-                reached = until;
-            }
-            Orders::Look => {}
-            Orders::End => writeln!(notes, "end").unwrap(),
-            Orders::Load(_) | Orders::Debug(..) => continue,
-        }
-        write(
-            &mut reports,
-            &Reports {
-                reached,
-                next: reached,
-                deeds,
-            },
-        )
-        .unwrap();
+fn what_chips_cannot_do_ends_the_run_with_words() {
+    for (does, expected) in [
+        (
+            Deed::Fails("a model panicked: of two".into()),
+            "the chip of node 3 cannot be emulated: a model panicked: of two",
+        ),
+        (
+            logs("error no configuration: Version { found: 9 }"),
+            "the configuration page of node 3 (Version { found: 9 })",
+        ),
+        (
+            uart([6, 8], 38_330),
+            "its UART has P0.06 and P0.08, where the board has P1.02 and P1.01",
+        ),
+        (
+            uart([34, 33], 250_000),
+            "its UART has 250000 baud, where its line has 38400",
+        ),
+        (
+            bus([27, 26]),
+            "its I2C bus has P0.27 and P0.26, where the board has P0.26 and P0.27",
+        ),
+        (
+            Deed::Memory(vec![(0, vec![0xff; 4096])]),
+            "do not tell what is in the flash of node 3",
+        ),
+    ] {
+        let ended = run(&[does], false, 1);
+        let trouble = ended.simulation.trouble().unwrap().to_string();
+        assert!(trouble.contains(expected), "{trouble}");
+        // It is a failure of this node.
+        assert!(ended.failures()[0].contains(expected), "{expected}");
+        assert_eq!(ended.notes.borrow().seeds.len(), 1, "{expected}");
     }
 }
 
-/// ELF's number of a processor.
-const ARM: u16 = 40;
-
-/// An ELF file of two vectors at an address, and one section.
-fn elf(machine: u16, address: u32, section: &[u8; 6]) -> Vec<u8> {
-    let vectors = [0x2004_0000, address + 0x101];
-    let names = [b"\0".as_slice(), section, b"\0.shstrtab\0\0\0"].concat();
-    let mut file = b"\x7fELF\x01\x01\x01".to_vec();
-    file.resize(16, 0);
-    let halves = [
-        [2, machine, 1, 0, 0x101, 0],
-        // Where programs and sections begin, and how long their entries are and how many.
-        [52, 0, 112, 0, 0, 0],
-        [52, 32, 1, 40, 3, 2],
-    ];
-    file.extend(halves.concat().into_iter().flat_map(u16::to_le_bytes));
-    // The program, at the end of this table.
-    let program = [1, 84, address, address, 8, 8, 5, 4];
-    let sections = [
-        [0; 10],
-        [1, 1, 0, 0, 84, 0, 0, 0, 1, 0],
-        [8, 3, 0, 0, 92, 18, 0, 0, 1, 0],
-    ];
-    let words = program.into_iter().chain(vectors);
-    file.extend(words.flat_map(u32::to_le_bytes));
-    file.extend(names);
-    file.extend(
-        sections
-            .concat()
-            .iter()
-            .flat_map(|word: &u32| word.to_le_bytes()),
-    );
-    file
+/// Who restarts by itself goes on.
+#[test]
+fn what_a_board_does_well_ends_nothing() {
+    let ended = run(&does_well(), false, 1);
+    assert!(ended.simulation.trouble().is_none());
+    assert_eq!(ended.notes.borrow().seeds.len(), 2);
 }
 
-/// A folder as that of the sources, in which everything is built.
-struct Sources(TempDir);
+/// A panic, or a watchdog that bites, is in the record with what the image says of it; what a first start is for is no
+/// failure.
+#[test]
+fn a_chip_that_restarts_has_failed() {
+    let does = [
+        restarts("Core", true),
+        restarts("Core", false),
+        logs("error before that: src/radio.rs:7 no frame"),
+        logs("error stopped: the radio failed"),
+        restarts("Model(\"WDT\")", false),
+    ];
+    let told = [
+        "its program restarts it: src/radio.rs:7 no frame",
+        "its watchdog restarts it: the radio failed",
+    ];
+    // Before the cut, and after it.
+    assert_eq!(run(&does, false, 1).failures(), [told, told].concat());
+    assert_eq!(run(&does_well(), false, 1).failures(), [""; 0]);
+}
 
-impl Sources {
-    fn new() -> Self {
-        let sources = Self(TempDir::new().unwrap());
-        sources.write("nrf52840-emulator/Cargo.toml", "");
-        sources.write(CHIP_IMAGE, "");
-        fs::write(sources.path(CHIP_IMAGE), elf(ARM, 0, b".defmt")).unwrap();
-        sources.program("bin/cargo", "exit 0");
-        let this = env::current_exe().unwrap();
-        let script = format!(
-            "exec {} --exact chip_process::stands_for_chips 3>&1 >/dev/null",
-            this.display()
-        );
-        sources.program("target/chip/release/chips", &script);
-        sources
-    }
+/// A fault of what emulates chips ends the run, and not the program: the record is of what was before.
+#[test]
+fn a_panic_of_what_emulates_chips_ends_the_run_with_words() {
+    let Ended {
+        simulation,
+        record,
+        notes,
+    } = run(&does_well(), true, 1);
+    let trouble = simulation.trouble().unwrap();
+    assert!(matches!(&trouble, EmulatorError::Panicked(_)), "{trouble}");
+    assert!(trouble.to_string().contains("a planted panic"), "{trouble}");
+    assert!((0.5..2.0).contains(&record.sim_seconds));
+    assert_eq!((record.scenario.as_str(), record.nodes.len()), ("small", 5));
+    let mut nodes = record.nodes.iter();
+    assert!(nodes.all(|node| node.calibrated_seconds.is_none()));
+    // It is not asked any more.
+    assert!(!notes.borrow().has_ended);
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
+#[test]
+fn who_interrupts_a_run_still_hears_what_chips_knew() {
+    let ended = run(&[], false, 1);
+    assert!(ended.notes.borrow().has_ended);
+    assert_eq!(ended.simulation.chips()[&3].instructions, 77);
+}
 
-    fn write(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.path(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(&path, text).unwrap();
-        path
-    }
+#[test]
+fn chips_get_another_seed_at_each_start_and_the_same_in_each_run() {
+    let starts = |seed| run(&[], false, seed).notes.borrow().seeds.clone();
+    let first = starts(1);
+    assert_eq!(first.len(), 2);
+    assert_ne!(first[0], first[1]);
+    assert_eq!(starts(1), first);
+    assert_ne!(starts(2)[0], first[0]);
+}
 
-    fn program(&self, name: &str, script: &str) {
-        let path = self.write(name, &format!("#!/bin/sh\n{script}\n"));
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    }
-
-    /// `host-sim run SCENARIO --backend nrf52840`, there.
-    fn host_sim(&self, scenario: &str, does: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-        command
-            .args(["run", scenario, "--backend", "nrf52840"])
-            .current_dir(self.0.path())
-            .env("PATH", format!("{}:{SYSTEM}", self.path("bin").display()))
-            .env(DOES, does);
-        command
-    }
-
-    /// The small network, of which node 3 loses its power then.
-    fn small(&self, cut_s: f64) -> String {
-        let cut = format!("at_s = {cut_s}");
-        let path = self.write("small.toml", &SMALL.replace("at_s = 25.0", &cut));
-        path.to_str().unwrap().to_owned()
-    }
-
-    fn notes(&self) -> Vec<String> {
-        let notes = fs::read_to_string(self.path(NOTES)).unwrap_or_default();
-        notes.lines().map(str::to_owned).collect()
-    }
+fn host_sim(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(arguments);
+    command
 }
 
 fn refused(command: &mut Command, expected: &str) -> Output {
@@ -233,77 +271,24 @@ fn refused(command: &mut Command, expected: &str) -> Output {
     output
 }
 
-#[test]
-fn what_is_missing_is_told_with_what_to_type() {
-    let sources = Sources::new();
-    let command = || sources.host_sim("lab", STAYS);
-    let toolchain = "`rustup toolchain install 1.98.0`";
-    refused(
-        command().env("PATH", "/nowhere"),
-        "`cargo` cannot be started",
-    );
-    sources.program("bin/cargo", "exit 101");
-    refused(&mut command(), toolchain);
-    let elsewhere = TempDir::new().unwrap();
-    let image = sources.path(CHIP_IMAGE);
-    refused(
-        command()
-            .arg("--image")
-            .arg(image)
-            .current_dir(elsewhere.path()),
-        "no folder nrf52840-emulator here",
-    );
-    let shell = fs::read("/bin/sh").unwrap();
-    for other in [
-        b"no machine code".to_vec(),
-        shell,
-        elf(62, 0, b".defmt"),
-        elf(ARM, 0x0800_0000, b".defmt"),
-        elf(ARM, 0, b".other"),
-    ] {
-        fs::write(sources.path(CHIP_IMAGE), other).unwrap();
-        refused(&mut command(), "is no program for an nRF52840");
-    }
-    fs::remove_file(sources.path(CHIP_IMAGE)).unwrap();
-    refused(&mut command(), "type `cargo xtask firmware`");
-}
-
-/// Whoever waits minutes knows for what; and what a configuration of cargo has put elsewhere is not run.
-#[test]
-fn what_was_not_built_yet_is_told() {
-    let sources = Sources::new();
-    fs::remove_file(sources.path("target/chip/release/chips")).unwrap();
-    let output = sources.host_sim("lab", STAYS).output().unwrap();
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    let mut lines = stderr.lines();
-    assert!(lines.next().unwrap().starts_with("building"), "{stderr}");
-    assert!(
-        lines.next().unwrap().contains("was built, but is not in"),
-        "{stderr}"
-    );
-    assert_eq!(output.status.code(), Some(2), "{stderr}");
-}
-
-/// Before anything is built, and before anybody waits.
+/// Before anybody waits.
 #[test]
 fn a_node_or_port_that_gdb_cannot_have_is_told() {
-    let sources = Sources::new();
     let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let port = taken.local_addr().unwrap().port();
-    let small = sources.small(0.5);
-    let gdb = |what: &str| {
-        let mut command = sources.host_sim(&small, STAYS);
-        command.args(["--gdb", what]);
-        command
-    };
-    refused(
-        &mut gdb(&format!("3:{port}")),
-        &format!("port {port} of this computer is taken"),
-    );
-    sources.program("bin/cargo", "exit 101");
+    let mut chips = Chips::emulated_by(StandIn {
+        deeds: Vec::new(),
+        panics: false,
+        stop: Arc::default(),
+        notes: Rc::default(),
+    });
+    let error = chips.debug(3, port, Arc::default()).unwrap_err();
+    let expected = format!("port {port} of this computer is taken");
+    assert!(error.to_string().contains(&expected), "{error}");
+    let gdb = |what: &str| host_sim(&["run", "lab", "--backend", "nrf52840", "--gdb", what]);
     refused(
         &mut gdb("99"),
-        "there is no node 99; there are 1, 2, 3, 20, ",
+        "there is no node 99; there are 1, 2, 3, 4, 5, 6, 7, 20, ",
     );
     for wrong in ["x", "3:", "3:0", "3:65536"] {
         let output = gdb(wrong).output().unwrap();
@@ -312,255 +297,221 @@ fn a_node_or_port_that_gdb_cannot_have_is_told() {
     }
 }
 
-/// The first network whose node 3 cannot go on, and why. Who restarts by itself goes on.
+#[cfg(not(feature = "chip"))]
 #[test]
-fn what_chips_cannot_do_ends_the_run_with_words() {
-    let sources = Sources::new();
-    let small = sources.small(0.5);
-    for (does, expected) in [
-        (
-            FAILS,
-            "the chip of node 3 cannot be emulated: a model panicked",
-        ),
-        (
-            OTHER_PAGE,
-            "the configuration page of node 3 (Version { found: 9 })",
-        ),
-        (
-            OTHER_PINS,
-            "its UART has P0.06 and P0.08, where the board has P1.02 and P1.01",
-        ),
-        (
-            OTHER_RATE,
-            "its UART has 250000 baud, where its line has 38400",
-        ),
-        (
-            OTHER_BUS,
-            "its I2C bus has P0.27 and P0.26, where the board has P0.26 and P0.27",
-        ),
-        (OTHER_MEMORY, "do not tell what is in the flash of node 3"),
-        (DOES_WELL, "the process with the emulated chips has failed"),
-    ] {
-        refused(&mut sources.host_sim(&small, does), expected);
-    }
+fn what_is_missing_is_told_with_what_to_type() {
+    refused(
+        &mut host_sim(&["run", "lab", "--backend", "nrf52840"]),
+        "`cargo run --release -p host-sim --features chip -- run ...`",
+    );
 }
 
-/// A panic, or a watchdog that bites, is in the record with what the image says of it; what a first start is for is no
-/// failure.
-#[test]
-fn a_chip_that_restarts_has_failed() {
-    let sources = Sources::new();
-    let small = sources.small(0.5);
-    let json = sources.path("run.json");
-    let failures = |does| {
-        let mut command = sources.host_sim(&small, does);
-        command.arg("--json").arg(&json);
-        refused(
-            &mut command,
-            "the process with the emulated chips has failed",
-        );
-        let record = RunRecord::from_json(&fs::read_to_string(&json).unwrap()).unwrap();
-        let node = record.nodes.into_iter().find(|node| node.id == 3).unwrap();
-        node.failures
-            .into_iter()
-            .map(|failure| failure.why)
-            .collect::<Vec<_>>()
+/// A program that runs on the chips of the crate `nrf52840-emulator`.
+#[cfg(feature = "chip")]
+mod images {
+    use std::{
+        env, fs,
+        path::{Path, PathBuf},
+        process::{Child, Stdio},
+        thread,
+        time::Duration,
     };
-    let told = [
-        "its program restarts it: src/radio.rs:7 no frame",
-        "its watchdog restarts it: the radio failed",
-    ];
-    assert_eq!(failures(RESTARTS), told);
-    assert_eq!(failures(DOES_WELL), [""; 0]);
-}
 
-/// Whatever has happened until then, results are of what was before, and no table pretends to be more.
-#[test]
-fn a_run_whose_chips_fail_says_that_it_is_not_complete() {
-    let sources = Sources::new();
-    let small = sources.small(0.5);
-    let [json, csv] = ["run.json", "poses.csv"].map(|name| sources.path(name));
-    for does in ENDS {
-        let mut command = sources.host_sim(&small, does);
+    use host_sim::network::CHIP_IMAGE;
+    use object::{Object, ObjectSegment};
+    use tempfile::TempDir;
+
+    use super::*;
+
+    /// ELF's number of a processor.
+    const ARM: u16 = 40;
+
+    /// An ELF file of two vectors at an address, and one section.
+    fn elf(machine: u16, address: u32, section: &[u8; 6]) -> Vec<u8> {
+        let vectors = [0x2004_0000, address + 0x101];
+        let names = [b"\0".as_slice(), section, b"\0.shstrtab\0\0\0"].concat();
+        let mut file = b"\x7fELF\x01\x01\x01".to_vec();
+        file.resize(16, 0);
+        let halves = [
+            [2, machine, 1, 0, 0x101, 0],
+            // Where programs and sections begin, and how long their entries are and how many.
+            [52, 0, 112, 0, 0, 0],
+            [52, 32, 1, 40, 3, 2],
+        ];
+        file.extend(halves.concat().into_iter().flat_map(u16::to_le_bytes));
+        // The program, at the end of this table.
+        let program = [1, 84, address, address, 8, 8, 5, 4];
+        let sections = [
+            [0; 10],
+            [1, 1, 0, 0, 84, 0, 0, 0, 1, 0],
+            [8, 3, 0, 0, 92, 18, 0, 0, 1, 0],
+        ];
+        let words = program.into_iter().chain(vectors);
+        file.extend(words.flat_map(u32::to_le_bytes));
+        file.extend(names);
+        let sections = sections.concat();
+        file.extend(sections.iter().flat_map(|word: &u32| word.to_le_bytes()));
+        file
+    }
+
+    /// `host-sim run lab` on an image.
+    fn lab(image: &Path) -> Command {
+        let mut command = host_sim(&["run", "lab", "--backend", "nrf52840", "--image"]);
+        command.arg(image);
+        command
+    }
+
+    #[test]
+    fn what_is_missing_is_told_with_what_to_type() {
+        let folder = TempDir::new().unwrap();
+        let image = folder.path().join("image.elf");
+        let shell = fs::read("/bin/sh").unwrap();
+        for other in [
+            b"no machine code".to_vec(),
+            shell,
+            elf(62, 0, b".defmt"),
+            elf(ARM, 0x0800_0000, b".defmt"),
+            elf(ARM, 0, b".other"),
+            // It does not say how it logs.
+            elf(ARM, 0, b".defmt"),
+        ] {
+            fs::write(&image, other).unwrap();
+            refused(&mut lab(&image), "is no program for an nRF52840");
+        }
+        fs::remove_file(&image).unwrap();
+        refused(&mut lab(&image), "type `cargo xtask firmware`");
+    }
+
+    /// The image that is flashed.
+    fn flashed() -> PathBuf {
+        let usual = || {
+            Path::new(env!("CARGO_MANIFEST_DIR"))
+                .join("..")
+                .join(CHIP_IMAGE)
+        };
+        env::var_os("NODE_IMAGE").map_or_else(usual, PathBuf::from)
+    }
+
+    const UARTE: u32 = 0x4000_2000;
+
+    /// Puts a number into a register: `movw`, `movt`.
+    fn set(register: u16, number: u32) -> [u16; 4] {
+        let half = |code: u16, half: u16| {
+            let code = code | (half >> 11 & 1) << 10 | half >> 12;
+            [code, (half >> 8 & 7) << 12 | register << 8 | half & 0xff]
+        };
+        let low = half(0xf240, number as u16);
+        let high = half(0xf2c0, (number >> 16) as u16);
+        [low[0], low[1], high[0], high[1]]
+    }
+
+    /// The image that is flashed, but what it does first: its UART sends over other pins, and it sleeps for ever.
+    fn with_other_pins() -> Vec<u8> {
+        let mut bytes = fs::read(flashed()).unwrap();
+        let file = object::File::parse(bytes.as_slice()).unwrap();
+        let start = file.entry() & !1;
+        let begins = |segment: &object::Segment<'_, '_>| {
+            let range = segment.address()..segment.address() + segment.size();
+            let offset = segment.file_range().0;
+            range.contains(&start).then(|| offset + start - range.start)
+        };
+        let at = file
+            .segments()
+            .find_map(|segment| begins(&segment))
+            .unwrap() as usize;
+        let store = |register, value| {
+            // `str r1, [r2]`
+            [&set(2, UARTE + register)[..], &set(1, value), &[0x6011]].concat()
+        };
+        let code = [
+            // PSEL.TXD, PSEL.RXD, ENABLE; TXD.PTR, TXD.MAXCNT, TASKS_STARTTX.
+            store(0x50c, 1),
+            store(0x514, 2),
+            store(0x500, 8),
+            store(0x544, 0x2000_0000),
+            store(0x548, 1),
+            store(0x008, 1),
+            // `wfi`, again and again.
+            vec![0xbf30, 0xe7fd],
+        ]
+        .concat();
+        let code: Vec<u8> = code.into_iter().flat_map(u16::to_le_bytes).collect();
+        bytes[at..at + code.len()].copy_from_slice(&code);
+        bytes
+    }
+
+    /// Whatever has happened until then, results are of what was before, and no table pretends to be more.
+    #[test]
+    #[ignore = "`cargo xtask test --stage chip`"]
+    fn a_run_whose_chips_fail_says_that_it_is_not_complete() {
+        let folder = TempDir::new().unwrap();
+        let [image, json, csv] =
+            ["image.elf", "run.json", "poses.csv"].map(|name| folder.path().join(name));
+        fs::write(&image, with_other_pins()).unwrap();
+        let mut command = lab(&image);
         command.arg("--json").arg(&json).arg("--csv").arg(&csv);
-        let output = refused(
-            &mut command,
-            "the process with the emulated chips has failed",
-        );
+        let output = command.output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        // How much stack was used comes before.
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        let last = stderr.lines().last().unwrap();
+        assert!(last.contains("its UART has P0.01 and P0.02"), "{stderr}");
         let stdout = String::from_utf8(output.stdout).unwrap();
-        let begins = "NOT COMPLETE: the process with the emulated chips has failed";
-        assert!(stdout.starts_with(begins), "{does}: {stdout}");
+        let begins = "NOT COMPLETE: the image of node ";
+        assert!(stdout.starts_with(begins), "{stdout}");
         let csv = fs::read_to_string(&csv).unwrap();
         let last = csv.lines().last().unwrap();
-        assert!(
-            last.starts_with("# not complete: the process with"),
-            "{csv}"
-        );
+        let begins = "# not complete: the image of node ";
+        assert!(last.starts_with(begins), "{csv}");
         let json = fs::read_to_string(&json).unwrap();
-        assert!(json.contains("\"cut_short\": \"the process with"), "{json}");
+        assert!(json.contains("\"cut_short\": \"the image of"), "{json}");
         let record = RunRecord::from_json(&json).unwrap();
-        assert_eq!((record.scenario.as_str(), record.nodes.len()), ("small", 5));
+        assert_eq!((record.scenario.as_str(), record.nodes.len()), ("lab", 9));
         let mut nodes = record.nodes.iter();
         assert!(nodes.all(|node| node.calibrated_seconds.is_none()));
     }
-}
 
-#[test]
-fn chips_get_another_seed_at_each_start_and_the_same_in_each_run() {
-    let starts = |seed: &str| {
-        let sources = Sources::new();
-        let mut command = sources.host_sim(&sources.small(0.5), ENDS[1]);
-        let output = command.args(["--seed", seed]).output().unwrap();
-        let notes = sources.notes();
-        assert_eq!(notes.len(), 2, "{output:?}");
-        notes
-    };
-    let first = starts("1");
-    assert_ne!(first[0], first[1]);
-    assert_eq!(starts("1"), first);
-    assert_ne!(starts("2")[0], first[0]);
-}
+    /// Ends with its owner.
+    struct Running(Child);
 
-/// Ends with its owner.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // It may have ended already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+    impl Drop for Running {
+        fn drop(&mut self) {
+            // It may have ended already.
+            let _ = self.0.kill();
+            let _ = self.0.wait();
+        }
     }
-}
 
-fn wait_until(mut condition: impl FnMut() -> bool) {
-    while !condition() {
-        thread::sleep(Duration::from_millis(20));
+    /// One that nobody has now.
+    fn free_port() -> u16 {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        listener.local_addr().unwrap().port()
     }
-}
 
-/// A terminal interrupts all that it has started at once. Chips are told by the simulation.
-#[test]
-fn who_interrupts_a_run_still_hears_what_chips_knew() {
-    let sources = Sources::new();
-    let mut command = sources.host_sim(&sources.small(1e6), STAYS);
-    command
-        .args(["--speed", "real-time"])
-        .process_group(0)
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    let mut simulation = Running(command.spawn().unwrap());
-    wait_until(|| {
-        assert_eq!(simulation.0.try_wait().unwrap(), None);
-        sources.notes().len() == 1
-    });
-    let group = format!("-{}", simulation.0.id());
-    let kill = Command::new("kill").args(["-INT", "--", &group]).status();
-    assert!(kill.unwrap().success());
-    assert_eq!(simulation.0.wait().unwrap().code(), Some(130));
-    assert_eq!(sources.notes()[1..], ["end"]);
-}
-
-/// Nobody has connected GDB, and nothing moves.
-#[test]
-fn who_interrupts_a_run_that_waits_for_gdb_need_do_so_once() {
-    let sources = Sources::new();
-    let mut command = sources.host_sim(&sources.small(1e6), WAITS);
-    let gdb = format!("3:{}", free_port());
-    command
-        .args(["--gdb", &gdb])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    let mut simulation = Running(command.spawn().unwrap());
-    wait_until(|| {
-        assert_eq!(simulation.0.try_wait().unwrap(), None);
-        sources.notes().len() == 1
-    });
-    let chips = children(simulation.0.id());
-    assert_eq!(chips.len(), 1, "{chips:?}");
-    let pid = simulation.0.id().to_string();
-    let kill = Command::new("kill").args(["-INT", &pid]).status();
-    assert!(kill.unwrap().success());
-    assert_eq!(simulation.0.wait().unwrap().code(), Some(130));
-    assert!(!is_running(&chips[0]));
-}
-
-/// One that nobody has now.
-fn free_port() -> u16 {
-    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-    listener.local_addr().unwrap().port()
-}
-
-/// The processes that this one has started and that have not ended.
-fn children(of: u32) -> Vec<PathBuf> {
-    let is_child = |process: &PathBuf| {
-        let stat = fs::read_to_string(process.join("stat")).unwrap_or_default();
-        // Behind its name: its state, and who started it.
-        let mut words = stat.rsplit(") ").next().unwrap_or_default().split(' ');
-        let is_alive = words.next().is_some_and(|state| state != "Z");
-        is_alive && words.next() == Some(&of.to_string())
-    };
-    let all = fs::read_dir("/proc").unwrap();
-    let all = all.map(|entry| entry.unwrap().path());
-    all.filter(is_child).collect()
-}
-
-fn is_running(process: &Path) -> bool {
-    let stat = fs::read_to_string(process.join("stat"));
-    stat.is_ok_and(|stat| !stat.rsplit(") ").next().unwrap().starts_with('Z'))
-}
-
-/// `host-sim run lab` on the image that is flashed.
-fn lab() -> Command {
-    let image = env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set");
-    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-    command
-        .args(["run", "lab", "--backend", "nrf52840", "--image"])
-        .arg(image)
-        // What emulates chips is found from there.
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    command
-}
-
-/// Whoever debugs a node and is killed leaves nobody who has the port.
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn chips_that_wait_for_gdb_do_not_outlive_the_simulation() {
-    let port = free_port();
-    // Not tried: chips could not have it meanwhile.
-    let is_taken = || {
-        let all = fs::read_to_string("/proc/net/tcp").unwrap();
-        all.contains(&format!(":{port:04X} 00000000:0000 0A"))
-    };
-    let mut command = lab();
-    command.args(["--gdb", &format!("3:{port}")]);
-    let mut simulation = Running(command.spawn().unwrap());
-    wait_until(|| {
-        assert_eq!(simulation.0.try_wait().unwrap(), None);
-        is_taken()
-    });
-    let chips = children(simulation.0.id());
-    assert_eq!(chips.len(), 1, "{chips:?}");
-    drop(simulation);
-    // The port is free with its last thread.
-    wait_until(|| !is_running(&chips[0]) && !is_taken());
-}
-
-/// Nothing of host-sim runs any more when it is killed, but the chips end with it.
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn chips_do_not_outlive_the_simulation() {
-    let log = TempDir::new().unwrap();
-    let log = log.path().join("log");
-    let mut simulation = Running(lab().arg("--log").arg(&log).spawn().unwrap());
-    // They are in the middle of it.
-    wait_until(|| {
-        assert_eq!(simulation.0.try_wait().unwrap(), None);
-        log.metadata().is_ok_and(|log| log.len() > 0)
-    });
-    let chips = children(simulation.0.id());
-    assert_eq!(chips.len(), 1, "{chips:?}");
-    drop(simulation);
-    wait_until(|| !is_running(&chips[0]));
+    /// No GDB has connected, and nothing moves.
+    #[cfg(target_os = "linux")]
+    #[test]
+    #[ignore = "`cargo xtask test --stage chip`"]
+    fn who_interrupts_a_run_that_waits_for_gdb_need_do_so_once() {
+        let port = free_port();
+        // Not tried: chips could not have it meanwhile.
+        let is_taken = || {
+            let all = fs::read_to_string("/proc/net/tcp").unwrap();
+            all.contains(&format!(":{port:04X} 00000000:0000 0A"))
+        };
+        let mut command = lab(&flashed());
+        command
+            .args(["--gdb", &format!("3:{port}")])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
+        let mut simulation = Running(command.spawn().unwrap());
+        while !is_taken() {
+            assert_eq!(simulation.0.try_wait().unwrap(), None);
+            thread::sleep(Duration::from_millis(20));
+        }
+        let pid = simulation.0.id().to_string();
+        let kill = Command::new("kill").args(["-INT", &pid]).status();
+        assert!(kill.unwrap().success());
+        assert_eq!(simulation.0.wait().unwrap().code(), Some(130));
+    }
 }

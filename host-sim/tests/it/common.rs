@@ -3,6 +3,8 @@
 use std::{
     io::Write,
     process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
 };
 
 /// What a run left.
@@ -66,4 +68,72 @@ impl Files {
 /// A file of the repository's recorded data.
 pub(crate) fn data(name: &str) -> String {
     format!("{}/../tests/data/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// One end of a pseudo-terminal, which no other program inherits: where one did, the line would stay open after
+/// its end.
+#[cfg(unix)]
+pub(crate) struct LineEnd(pub(crate) std::fs::File);
+
+#[cfg(unix)]
+impl LineEnd {
+    /// Both ends of a line, raw: what a device would hold, and one that keeps it open; and the name of the port.
+    pub(crate) fn pair() -> (Self, Self, String) {
+        use rustix::{
+            fs::{Mode, OFlags},
+            pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
+            termios::{OptionalActions, tcgetattr, tcsetattr},
+        };
+        let device =
+            openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&device).unwrap();
+        unlockpt(&device).unwrap();
+        let name = ptsname(&device, Vec::new()).unwrap().into_string().unwrap();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let port = rustix::fs::open(&name, flags, Mode::empty()).unwrap();
+        let mut modes = tcgetattr(&port).unwrap();
+        modes.make_raw();
+        tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
+        (Self(device.into()), Self(port.into()), name)
+    }
+}
+
+/// What a silent line says now and then: whoever reads may look at something else.
+#[cfg(unix)]
+impl std::io::Read for LineEnd {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        use rustix::event::{PollFd, PollFlags, Timespec, poll};
+        let wait = Timespec {
+            tv_sec: 0,
+            tv_nsec: 100_000_000,
+        };
+        let ready = poll(&mut [PollFd::new(&self.0, PollFlags::IN)], Some(&wait))?;
+        match ready {
+            0 => Err(std::io::ErrorKind::TimedOut.into()),
+            _ => self.0.read(buffer),
+        }
+    }
+}
+
+#[cfg(unix)]
+impl Write for LineEnd {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// What no test should need, however slow the computer is: then something hangs.
+pub(crate) const HANGS: Duration = Duration::from_secs(600);
+
+/// Waits for something that another program does.
+pub(crate) fn wait_until(mut holds: impl FnMut() -> bool) {
+    let begin = Instant::now();
+    while !holds() {
+        assert!(begin.elapsed() < HANGS, "it never came");
+        thread::sleep(Duration::from_millis(5));
+    }
 }

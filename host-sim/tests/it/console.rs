@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::common::{Done, Files, run};
+use crate::common::{Done, Files, LineEnd, run, wait_until};
 use calib_core::Refusal;
 use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
@@ -24,20 +24,12 @@ use node_firmware::{
     },
 };
 use serde_json::Value;
-use serialport::{SerialPort, TTYPort};
 use zigbee_link::wire::ShortAddress;
-
-/// Both ends of a line: what the coordinator would hold, and the name of the port.
-fn line() -> (TTYPort, TTYPort, String) {
-    let (coordinator, port) = TTYPort::pair().unwrap();
-    let name = port.name().unwrap();
-    (coordinator, port, name)
-}
 
 /// The network of a coordinator: cameras 2 and 3 at addresses 1 and 2, target 4 at address 3. Goes
 /// on until its line is closed.
 struct Site {
-    line: TTYPort,
+    line: LineEnd,
     role: CoordinatorRole,
     begin: Instant,
     key: Option<KeyChangeReport>,
@@ -47,8 +39,8 @@ struct Site {
 
 impl Site {
     /// Starts it, with these states of its cameras. Keeps the line open as long as it is kept.
-    fn start(states: [CameraState; 2]) -> (TTYPort, String) {
-        let (line, port, name) = line();
+    fn start(states: [CameraState; 2]) -> (LineEnd, String) {
+        let (line, port, name) = LineEnd::pair();
         let mut site = Self {
             line,
             role: CoordinatorRole::new(),
@@ -273,7 +265,7 @@ fn time_is_over_before_all_have_poses() {
     let csv = files.path("poses.csv");
     let done = console(
         &name,
-        &["--until-calibrated", "--seconds", "3", "--csv", &csv],
+        &["--until-calibrated", "--seconds", "10", "--csv", &csv],
     );
     assert_eq!(done.code, 1, "{}{}", done.stdout, done.stderr);
     assert!(
@@ -294,7 +286,7 @@ fn time_is_over_before_all_have_poses() {
     );
 
     let (_port, name) = Site::start([pose(), pose()]);
-    let arguments = ["--until-calibrated", "--cameras", "3", "--seconds", "3"];
+    let arguments = ["--until-calibrated", "--cameras", "3", "--seconds", "10"];
     assert_eq!(console(&name, &arguments).code, 1);
 }
 
@@ -372,7 +364,7 @@ fn key_file(files: &Files, name: &str, text: &str) -> String {
 
 #[test]
 fn nobody_answers() {
-    let (_coordinator, _port, name) = line();
+    let (_coordinator, _port, name) = LineEnd::pair();
     let files = Files::new();
     let csv = files.path("poses.csv");
     let text = failure(&name, &["--csv", &csv]);
@@ -390,7 +382,7 @@ fn no_coordinator_talks() {
         (&b"\xF8\x00\x1C:\xE6\x80"[..], "check the baud rate"),
         (b"\rGV\r", "its role is camera"),
     ] {
-        let (mut other, _port, name) = line();
+        let (mut other, _port, name) = LineEnd::pair();
         thread::spawn(move || {
             let mut byte = [0];
             loop {
@@ -461,11 +453,7 @@ fn a_rehearsals_console_knows_the_poses_of_its_record() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let begin = Instant::now();
-    while fs::symlink_metadata(&pty).is_err() {
-        assert!(begin.elapsed() < Duration::from_secs(60), "no line");
-        thread::sleep(Duration::from_millis(10));
-    }
+    wait_until(|| fs::symlink_metadata(&pty).is_ok());
     let arguments = ["--site", "lab", "--csv", &csv, "--json", &json];
     let done = console(&pty, &arguments);
     assert_eq!(rehearsal.wait().unwrap().code(), Some(0));
@@ -511,17 +499,13 @@ fn the_coordinators_of_a_site_are_one_site() {
     );
     let lines = [format!("1:{first}"), format!("2:{second}")];
     let mut rehearsal = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .args(["run", &site, "--speed", "20x", "--json", &kept])
+        .args(["run", &site, "--speed", "3x", "--json", &kept])
         .args(["--console", &lines[0], "--console", &lines[1]])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let begin = Instant::now();
-    while fs::symlink_metadata(&second).is_err() {
-        assert!(begin.elapsed() < Duration::from_secs(60), "no line");
-        thread::sleep(Duration::from_millis(10));
-    }
+    wait_until(|| fs::symlink_metadata(&second).is_ok());
     // In the other order than in the file.
     let both = ["--port", &first, "--site", &site, "--json", &told];
     let wishes = ["--join-window", "30", "--command", "7:stop-tracking"];

@@ -6,21 +6,16 @@ use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, ErrorKind, Read, Write},
     process::{Child, Command, Stdio},
-    sync::atomic::{AtomicUsize, Ordering},
+    sync::{
+        atomic::{AtomicUsize, Ordering},
+        mpsc::{self, Receiver},
+    },
     thread,
-    time::Duration,
 };
 
-use crate::common::{Files, data, run, run_with_input};
+use crate::common::{Files, LineEnd, data, run, run_with_input};
 use serde_json::Value;
-use serialport::{SerialPort, TTYPort};
-
-/// Both ends of a line: what the camera would hold, and the name of the port.
-fn line() -> (TTYPort, TTYPort, String) {
-    let (camera, port) = TTYPort::pair().unwrap();
-    let name = port.name().unwrap();
-    (camera, port, name)
-}
+use serialport::TTYPort;
 
 /// A run that fails, and what it says.
 fn failure(arguments: &[&str]) -> String {
@@ -50,7 +45,7 @@ fn a_port_that_is_not_there_or_is_none() {
 
 #[test]
 fn a_port_that_another_program_has() {
-    let (_camera, _port, name) = line();
+    let (_camera, _port, name) = LineEnd::pair();
     let _holder = TTYPort::open(&serialport::new(&name, 9600)).unwrap();
     let text = failure(&["--port", &name]);
     assert!(text.contains("is in use"), "{text}");
@@ -58,7 +53,7 @@ fn a_port_that_another_program_has() {
 
 #[test]
 fn nobody_answers() {
-    let (_camera, _port, name) = line();
+    let (_camera, _port, name) = LineEnd::pair();
     let text = failure(&["--port", &name, "--baud", "9600"]);
     assert!(text.contains("no answer at 9600 baud"), "{text}");
     for check in ["powered", "TX and RX", "level shifter", "--baud auto"] {
@@ -71,7 +66,7 @@ fn nobody_answers() {
 /// Something answers every byte with the same wrong ones, as a camera at another rate does.
 #[test]
 fn garbage() {
-    let (mut camera, _port, name) = line();
+    let (mut camera, _port, name) = LineEnd::pair();
     thread::spawn(move || {
         let mut byte = [0];
         loop {
@@ -91,7 +86,7 @@ fn garbage() {
 /// Something else than a camera is named, and what it said is shown.
 #[test]
 fn strangers_are_named() {
-    for (says, words) in [
+    let strangers = [
         (&b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\r\n"[..], "GPS"),
         (b"\r\nOK\r\n", "modem"),
         (b"\r\nbox login: ", "console of a computer"),
@@ -99,23 +94,32 @@ fn strangers_are_named() {
         (b"CMUcam v1.12\r:", "another camera"),
         (b"\r\n>>> ", "Python"),
         (b"\r", "TX and RX of the adapter"),
-    ] {
-        let (mut camera, _port, name) = line();
-        thread::spawn(move || {
-            let mut byte = [0];
-            loop {
-                match camera.read(&mut byte) {
-                    Ok(_) if byte == *b"\r" => camera.write_all(says).unwrap(),
-                    Ok(_) => {}
-                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
-                    // The test is over.
-                    Err(_) => break,
-                }
-            }
-        });
-        let text = failure(&["--port", &name, "--baud", "38400"]);
-        assert!(text.contains(words), "no {words} in {text}");
-        assert!(text.contains("received \""), "{text}");
+    ];
+    // Each is mostly waited for.
+    thread::scope(|scope| {
+        for (says, words) in strangers {
+            scope.spawn(move || {
+                let (camera, _port, name) = LineEnd::pair();
+                thread::spawn(move || answer(camera, b"\r", says));
+                let text = failure(&["--port", &name, "--baud", "38400"]);
+                assert!(text.contains(words), "no {words} in {text}");
+                assert!(text.contains("received \""), "{text}");
+            });
+        }
+    });
+}
+
+/// Answers each of these bytes until the line is closed.
+fn answer(mut line: LineEnd, to: &[u8], says: &[u8]) {
+    let mut byte = [0];
+    loop {
+        match line.read(&mut byte) {
+            Ok(_) if to.contains(&byte[0]) => line.write_all(says).unwrap(),
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            // The test is over.
+            Err(_) => break,
+        }
     }
 }
 
@@ -123,13 +127,8 @@ fn strangers_are_named() {
 /// commands.
 #[test]
 fn a_camera_left_in_a_raw_mode_is_recovered() {
-    let files = Files::new();
     for mode in [2, 3, 5] {
-        let camera = Camera::start(&files, &square(), &["--baud", "115200"]);
-        let mut port = serialport::new(&camera.port, 115_200).open().unwrap();
-        port.write_all(format!("RM {mode}\r").as_bytes()).unwrap();
-        thread::sleep(Duration::from_millis(100));
-        drop(port);
+        let camera = Emulated::new(&square(), &[&format!("heard=RM {mode}\\r")]);
         let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "3"]);
         assert!(told.contains("CMUcam2 v1.00 c6"), "RM {mode}: {told}");
     }
@@ -148,6 +147,7 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
         (&["--record", "s.csv", "--at", "1"], "two numbers"),
         (&["--frame", "no/such/folder/a.png"], "no folder"),
         (&["--frame", "a.png", "--record", "s.csv"], "cannot be used"),
+        (&["--emulate"], "cannot be used"),
     ] {
         let mut all = vec!["--port", &port];
         all.extend_from_slice(arguments);
@@ -160,33 +160,9 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
     assert_eq!(fs::read_to_string(other).unwrap(), "case,x,y\n1,2,3\n");
 }
 
-/// `host-sim camera` until it is dropped.
-struct Camera {
-    child: Child,
-    port: String,
-}
-
-impl Camera {
-    fn start(files: &Files, scene: &str, arguments: &[&str]) -> Self {
-        // A link that a killed camera left may by now lead to another one.
-        static CAMERAS: AtomicUsize = AtomicUsize::new(0);
-        let number = CAMERAS.fetch_add(1, Ordering::Relaxed);
-        let port = files.path(&format!("camera{number}"));
-        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-            .args(["camera", "--verbose", "--pty", &port, "--scene", scene])
-            .args(arguments)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
-        assert!(told.any(|line| line.unwrap().contains("started")));
-        thread::spawn(move || told.for_each(drop));
-        Self { child, port }
-    }
-
-    fn arguments<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str> {
-        [&["probe", "--port", &self.port], arguments].concat()
-    }
+/// Runs of `host-sim probe` on a line.
+trait Probed {
+    fn arguments<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str>;
 
     /// A run that succeeds: what it prints, and what it says.
     fn probe(&self, arguments: &[&str]) -> (String, String) {
@@ -202,6 +178,70 @@ impl Camera {
             .lines()
             .map(|line| serde_json::from_str(line).unwrap())
             .collect()
+    }
+}
+
+/// A camera in virtual time.
+struct Emulated(Vec<String>);
+
+impl Emulated {
+    fn new(scene: &str, options: &[&str]) -> Self {
+        let options = options.iter().map(|&option| option.to_owned());
+        let options = options.chain([format!("scene={scene}")]);
+        Self(
+            options
+                .map(|option| format!("--emulate={option}"))
+                .collect(),
+        )
+    }
+}
+
+impl Probed for Emulated {
+    fn arguments<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str> {
+        let line = self.0.iter().map(String::as_str);
+        let arguments = arguments.iter().copied();
+        ["probe"].into_iter().chain(line).chain(arguments).collect()
+    }
+}
+
+/// `host-sim camera` in real time until it is dropped.
+struct Camera {
+    child: Child,
+    port: String,
+    /// What it says, line by line.
+    told: Receiver<String>,
+}
+
+impl Camera {
+    fn start(files: &Files, scene: &str, arguments: &[&str]) -> Self {
+        // A link that a killed camera left may by now lead to another one.
+        static CAMERAS: AtomicUsize = AtomicUsize::new(0);
+        let number = CAMERAS.fetch_add(1, Ordering::Relaxed);
+        let port = files.path(&format!("camera{number}"));
+        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["camera", "--verbose", "--pty", &port, "--scene", scene])
+            .args(arguments)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (tell, told) = mpsc::channel();
+        let said = BufReader::new(child.stderr.take().unwrap()).lines();
+        // The test may not listen any more.
+        thread::spawn(move || said.for_each(|line| drop(tell.send(line.unwrap()))));
+        let mut this = Self { child, port, told };
+        assert!(this.says("started"));
+        this
+    }
+
+    /// Waits until it has said this; false if it ended before.
+    fn says(&mut self, words: &str) -> bool {
+        self.told.iter().any(|line| line.contains(words))
+    }
+}
+
+impl Probed for Camera {
+    fn arguments<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str> {
+        [&["probe", "--port", &self.port], arguments].concat()
     }
 }
 
@@ -231,48 +271,33 @@ fn number(line: &Value, key: &str) -> f64 {
 
 #[test]
 fn every_baud_rate() {
-    let files = Files::new();
-    thread::scope(|scope| {
-        for rate in [
-            "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
-        ] {
-            let files = &files;
-            scope.spawn(move || {
-                let camera = Camera::start(files, &square(), &["--baud", rate]);
-                let lines = camera.json(&[
-                    "--baud",
-                    rate,
-                    "--settle",
-                    "0",
-                    "--count",
-                    "3",
-                    "--fov-deg",
-                    "45",
-                ]);
-                assert_eq!(lines.len(), 3, "{rate}");
-                for line in lines {
-                    assert_eq!((number(&line, "x1"), number(&line, "x2")), (20.0, 67.0));
-                    assert!(
-                        number(&line, "bearing_rad").abs() < COLUMN,
-                        "{rate}: {line}"
-                    );
-                    assert_eq!(line["confidence"], 255);
-                }
-            });
+    for rate in [
+        "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
+    ] {
+        let camera = Emulated::new(&square(), &[&format!("baud={rate}")]);
+        let options = ["--settle", "0", "--count", "3", "--fov-deg", "45"];
+        let lines = camera.json(&[&["--baud", rate], &options[..]].concat());
+        assert_eq!(lines.len(), 3, "{rate}");
+        for line in lines {
+            assert_eq!((number(&line, "x1"), number(&line, "x2")), (20.0, 67.0));
+            assert!(
+                number(&line, "bearing_rad").abs() < COLUMN,
+                "{rate}: {line}"
+            );
+            assert_eq!(line["confidence"], 255);
         }
-    });
+    }
 }
 
 #[test]
 fn the_rate_is_found() {
-    let files = Files::new();
-    let camera = Camera::start(&files, &square(), &["--baud", "9600"]);
+    let camera = Emulated::new(&square(), &["baud=9600"]);
     let (_, told) = camera.probe(&["--settle", "0", "--count", "1"]);
     assert!(
         told.contains("CMUcam2 v1.00 c6 (OV6620) at 9600 baud"),
         "{told}"
     );
-    let text = failure(&["--port", &camera.port, "--baud", "115200"]);
+    let text = failure(&camera.arguments(&["--baud", "115200"])[1..]);
     assert!(text.contains("115200 baud"), "{text}");
     assert!(text.contains("jumpers"), "{text}");
 }
@@ -293,7 +318,7 @@ fn left_is_positive_and_columns_count_from_0() {
         "[background]\nplain = [110, 110, 110]\n[[object]]\ncolour = [220, 110, 40]\nshape = 'box'\n\
          stops = [{ picture = [0.125, 0.25], size = [0.068181818, 0.1] }]\n",
     );
-    let camera = Camera::start(&files, &scene, &[]);
+    let camera = Emulated::new(&scene, &[]);
     let orange = ["--settle", "0", "--count", "1", "--colour", ORANGE];
     let line = &camera.json(&[&orange[..], &["--fov-deg", "45"]].concat())[0];
     assert_eq!((number(line, "x1"), number(line, "x2")), (8.0, 13.0));
@@ -336,7 +361,7 @@ fn a_learnt_colour_is_judged_by_its_background() {
     let grey = [[120, 118, 112]; 12];
 
     // A good light: nothing else has the colour.
-    let camera = Camera::start(&files, &ball_before(&files, "good.toml", 1.0, &grey), &[]);
+    let camera = Emulated::new(&ball_before(&files, "good.toml", 1.0, &grey), &[]);
     let (_, told) = camera.probe(&run);
     assert!(
         told.contains("nothing in the background has this colour"),
@@ -351,7 +376,7 @@ fn a_learnt_colour_is_judged_by_its_background() {
     (3..12)
         .step_by(4)
         .for_each(|patch| wall[patch] = [220, 110, 40]);
-    let camera = Camera::start(&files, &ball_before(&files, "wall.toml", 1.0, &wall), &[]);
+    let camera = Emulated::new(&ball_before(&files, "wall.toml", 1.0, &wall), &[]);
     let text = failure(&camera.arguments(&["--count", "1"])[1..]);
     for words in [
         "of the background has this colour",
@@ -376,7 +401,7 @@ fn a_learnt_colour_is_judged_by_its_background() {
 
     // Wood of another hue: a narrower window tells it from the ball.
     let wood = grey.map(|_| [205, 128, 62]);
-    let camera = Camera::start(&files, &ball_before(&files, "wood.toml", 1.0, &wood), &[]);
+    let camera = Emulated::new(&ball_before(&files, "wood.toml", 1.0, &wood), &[]);
     let (stdout, told) = camera.probe(&[&run[..], &["--json"]].concat());
     assert!(told.contains("so a narrower one is taken"), "{told}");
     let line: Value = serde_json::from_str(stdout.lines().next().unwrap()).unwrap();
@@ -386,10 +411,10 @@ fn a_learnt_colour_is_judged_by_its_background() {
     // A poor light: the window around the ball's dark colour has the dark room in it, a narrower one
     // has not; still less light, and none has.
     let room = [[90, 80, 70]; 12];
-    let camera = Camera::start(&files, &ball_before(&files, "dim.toml", 0.08, &room), &[]);
+    let camera = Emulated::new(&ball_before(&files, "dim.toml", 0.08, &room), &[]);
     let (_, told) = camera.probe(&run);
     assert!(told.contains("so a narrower one is taken"), "{told}");
-    let camera = Camera::start(&files, &ball_before(&files, "dark.toml", 0.04, &room), &[]);
+    let camera = Emulated::new(&ball_before(&files, "dark.toml", 0.04, &room), &[]);
     let text = failure(&camera.arguments(&["--count", "1"])[1..]);
     assert!(text.contains("try another light"), "{text}");
 }
@@ -397,18 +422,18 @@ fn a_learnt_colour_is_judged_by_its_background() {
 #[test]
 fn other_cameras() {
     let files = Files::new();
-    let camera = Camera::start(&files, &square(), &["--sensor", "ov7620"]);
+    let camera = Emulated::new(&square(), &["sensor=ov7620"]);
     let run = ["--settle", "0", "--count", "1", "--fov-deg", "45"];
     let line = &camera.json(&run)[0];
     assert!((number(line, "column") - 79.5).abs() < 1.0);
     assert!(number(line, "bearing_rad").abs() < COLUMN);
-    let text = failure(&["--port", &camera.port, "--high-res"]);
+    let text = failure(&camera.arguments(&["--high-res"])[1..]);
     assert!(text.contains("no high resolution"), "{text}");
 
     // No module in the banner, and columns from 0: what fills the view shows it.
     let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
-    let other = ["--switch", "module=2", "--switch", "origin=0"];
-    let camera = Camera::start(&files, &plain, &other);
+    let other = ["switch=module=2", "switch=origin=0"];
+    let camera = Emulated::new(&plain, &other);
     let (_, told) = camera.probe(&run);
     assert!(told.contains("88 columns are assumed"), "{told}");
     assert!(!told.contains("give --first-column"), "{told}");
@@ -424,7 +449,7 @@ fn other_cameras() {
 fn a_picture_of_a_wall() {
     let files = Files::new();
     let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
-    let camera = Camera::start(&files, &plain, &[]);
+    let camera = Emulated::new(&plain, &[]);
     let file = files.path("wall.png");
     let line = &camera.json(&["--settle", "0", "--frame", &file])[0];
     assert_eq!(line["columns"], 87);
@@ -458,7 +483,7 @@ fn record_then_solve() {
                  [[object]]\ncolour = [220, 110, 40]\nstops = [{{ x = {x}, y = {y}, radius = 0.1 }}]\n"
             ),
         );
-        let camera = Camera::start(&files, &scene, &[]);
+        let camera = Emulated::new(&scene, &[]);
         let place = format!("{x},{y}");
         let (text, _) = camera.probe(&[
             "--settle",
@@ -500,7 +525,7 @@ fn record_then_solve() {
 fn places_are_read_line_by_line() {
     let files = Files::new();
     let file = files.path("s.csv");
-    let camera = Camera::start(&files, &square(), &[]);
+    let camera = Emulated::new(&square(), &[]);
     let arguments = camera.arguments(&[
         "--settle",
         "0",
@@ -551,23 +576,16 @@ fn what_is_cut_off_or_not_there_is_not_recorded() {
         "[background]\nplain = [110, 110, 110]\n[[object]]\ncolour = [220, 110, 40]\n\
          stops = [{ picture = [0.98, 0.5], size = 0.2 }]\n",
     );
-    let camera = Camera::start(&files, &scene, &[]);
-    let record = [
-        "--port",
-        &camera.port,
-        "--record",
-        &file,
-        "--at",
-        "1,2",
-        "--packets",
-        "3",
-    ];
-    let text = failure(&[&record[..], &["--colour", ORANGE]].concat());
+    let camera = Emulated::new(&scene, &[]);
+    let record = ["--record", &file, "--at", "1,2", "--packets", "3"];
+    let text = failure(&camera.arguments(&[&record[..], &["--colour", ORANGE]].concat())[1..]);
     assert!(
         text.contains("cut off by the left or right border"),
         "{text}"
     );
-    let text = failure(&[&record[..], &["--colour", "16,40,16,40,200,240"]].concat());
+    let text = failure(
+        &camera.arguments(&[&record[..], &["--colour", "16,40,16,40,200,240"]].concat())[1..],
+    );
     assert!(text.contains("nothing is tracked"), "{text}");
     assert_eq!(fs::read_to_string(file).unwrap(), "");
 }
@@ -576,8 +594,8 @@ fn what_is_cut_off_or_not_there_is_not_recorded() {
 fn a_camera_that_was_started_up_goes_on_as_it_is() {
     let files = Files::new();
     let camera = Camera::start(&files, &square(), &[]);
-    let (_, learnt) = camera.probe(&["--settle", "0", "--count", "1"]);
-    let (_, known) = camera.probe(&["--as-is", "--count", "1"]);
+    let (_, learnt) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "1"]);
+    let (_, known) = camera.probe(&["--baud", "115200", "--as-is", "--count", "1"]);
     let colour = |told: &str| told.split_once("--colour ").unwrap().1[..20].to_owned();
     assert_eq!(colour(&learnt), colour(&known));
 }
@@ -585,46 +603,40 @@ fn a_camera_that_was_started_up_goes_on_as_it_is() {
 /// It is what its commands are that counts; that it calls itself otherwise is told.
 #[test]
 fn kindred_firmware_is_a_warning() {
-    let files = Files::new();
     for (version, banner) in [
         ("3", "CMUcam2+ v1.00 c6"),
         ("4", "CMUcam2 v2.0+ c6"),
         ("5", "CMUcam3 v1.0 c6"),
     ] {
-        let switch = format!("version={version}");
-        let camera = Camera::start(&files, &square(), &["--switch", &switch]);
+        let switch = format!("switch=version={version}");
+        let camera = Emulated::new(&square(), &[&switch]);
         let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "2"]);
         assert!(told.contains(&format!("calls itself `{banner}`")), "{told}");
     }
 }
 
-/// Frames one after the other, at a rate that is not tried first: they are ended, also if nobody waits.
+/// Frames one after the other, at a rate that is not tried first.
 #[test]
-fn a_camera_that_sends_frames_is_found_and_left_silent() {
-    let files = Files::new();
-    let camera = Camera::start(&files, &square(), &["--baud", "19200"]);
-    let send = || {
-        let mut port = serialport::new(&camera.port, 19_200).open().unwrap();
-        port.write_all(b"\rFS 1\rSF\r").unwrap();
-        thread::sleep(Duration::from_millis(300));
-    };
-    send();
+fn a_camera_that_sends_frames_is_found() {
+    let camera = Emulated::new(&square(), &["baud=19200", "heard=\\rFS 1\\rSF\\r"]);
     let (_, told) = camera.probe(&["--settle", "0", "--count", "2"]);
     assert!(told.contains("at 19200 baud"), "{told}");
-    send();
+}
+
+/// Frames are ended, also if nothing waits for it: the camera says so.
+#[test]
+fn a_camera_that_sends_frames_is_left_silent() {
+    let files = Files::new();
+    let mut camera = Camera::start(&files, &square(), &["--baud", "19200"]);
+    let mut port = serialport::new(&camera.port, 19_200).open().unwrap();
+    port.write_all(b"\rFS 1\rSF\r").unwrap();
+    assert!(camera.says(" SF"));
+    drop(port);
     let probe = spawn(&camera, &["--settle", "0"]);
-    thread::sleep(Duration::from_millis(900));
+    assert!(camera.says(" stopped"));
     interrupt(&probe);
-    probe.wait_with_output().unwrap();
-    let mut port = TTYPort::open(&serialport::new(&camera.port, 19_200)).unwrap();
-    port.set_timeout(Duration::from_millis(500)).unwrap();
-    let mut buffer = [0; 256];
-    // What the line still holds, at most; then nothing more.
-    let _ = port.read(&mut buffer);
-    thread::sleep(Duration::from_millis(300));
-    let rest = std::iter::from_fn(|| port.read(&mut buffer).ok()).take(8);
-    let rest = rest.sum::<usize>();
-    assert!(rest < 256, "{rest} bytes more");
+    let output = probe.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
 }
 
 /// Its wiring and its rate were right before.
@@ -646,18 +658,13 @@ fn a_camera_that_hangs_was_started_before() {
 
 #[test]
 fn a_line_with_faults() {
-    let files = Files::new();
     let faults = [
-        "--fault",
-        "nck=0.1",
-        "--fault",
-        "cut=0.1",
-        "--fault",
-        "stray=0.002",
-        "--seed",
-        "5",
+        "fault=nck=0.1",
+        "fault=cut=0.1",
+        "fault=stray=0.002",
+        "seed=5",
     ];
-    let camera = Camera::start(&files, &square(), &faults);
+    let camera = Emulated::new(&square(), &faults);
     let (text, told) = camera.probe(&["--settle", "0", "--count", "60", "--colour", ORANGE]);
     assert_eq!(text.lines().count(), 60);
     assert!(text.lines().all(|line| line.contains("box  20")), "{text}");
@@ -671,7 +678,7 @@ fn a_line_with_faults() {
 fn the_camera_goes_away() {
     let files = Files::new();
     let mut camera = Camera::start(&files, &square(), &[]);
-    let mut probe = spawn(&camera, &["--settle", "0"]);
+    let mut probe = spawn(&camera, &["--baud", "115200", "--settle", "0"]);
     first_line(&mut probe);
     camera.child.kill().unwrap();
     let output = probe.wait_with_output().unwrap();
@@ -716,26 +723,27 @@ fn interrupt(child: &Child) {
 fn ctrl_c_stops_the_stream() {
     let files = Files::new();
     let camera = Camera::start(&files, &square(), &[]);
-    let mut probe = spawn(&camera, &["--settle", "0"]);
+    let mut probe = spawn(&camera, &["--baud", "115200", "--settle", "0"]);
     first_line(&mut probe);
     interrupt(&probe);
     let output = probe.wait_with_output().unwrap();
     let told = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert_unharmed(&told);
-    // Idle: a carriage return is acknowledged, and nothing else comes.
-    let mut port = TTYPort::open(&serialport::new(&camera.port, 115_200)).unwrap();
-    port.set_timeout(Duration::from_millis(300)).unwrap();
-    port.write_all(b"\r").unwrap();
+    // Idle: what is sent is answered, and nothing else comes in between.
+    let mut port = OpenOptions::new();
+    let mut port = port.read(true).write(true).open(&camera.port).unwrap();
+    port.write_all(b"\rGV\r").unwrap();
     let mut said = Vec::new();
-    let mut buffer = [0; 64];
-    while let Ok(bytes @ 1..) = port.read(&mut buffer) {
-        said.extend_from_slice(&buffer[..bytes]);
+    let mut byte = [0];
+    while !said.ends_with(b"c6\r:") {
+        port.read_exact(&mut byte).unwrap();
+        said.push(byte[0]);
     }
-    assert_eq!(said, b"ACK\r:");
+    assert_eq!(said, b"ACK\r:ACK\rCMUcam2 v1.00 c6\r:");
     // Before there is anything to show, Ctrl-C is a failure.
     drop(port);
-    let mut probe = spawn(&camera, &["--settle", "60"]);
+    let mut probe = spawn(&camera, &["--baud", "115200", "--settle", "600"]);
     let mut banner = String::new();
     let mut stderr = BufReader::new(probe.stderr.take().unwrap());
     stderr.read_line(&mut banner).unwrap();
@@ -748,9 +756,8 @@ fn ctrl_c_stops_the_stream() {
 /// On a terminal it asks before it learns, and shows one line that changes.
 #[test]
 fn on_a_terminal() {
-    let files = Files::new();
-    let camera = Camera::start(&files, &square(), &[]);
-    let (mut screen, _kept, terminal) = line();
+    let camera = Emulated::new(&square(), &[]);
+    let (mut screen, kept, terminal) = LineEnd::pair();
     let open = || {
         OpenOptions::new()
             .read(true)
@@ -774,11 +781,15 @@ fn on_a_terminal() {
         told.push(char::from(byte[0]));
     }
     screen.write_all(b"\n").unwrap();
+    drop(kept);
     let mut shown = String::new();
     let mut buffer = [0; 4096];
-    while probe.try_wait().unwrap().is_none() {
-        if let Ok(bytes) = screen.read(&mut buffer) {
-            shown.push_str(&String::from_utf8_lossy(&buffer[..bytes]));
+    // An error tells that it has ended.
+    loop {
+        match screen.read(&mut buffer) {
+            Ok(bytes) => shown.push_str(&String::from_utf8_lossy(&buffer[..bytes])),
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            Err(_) => break,
         }
     }
     assert_eq!(probe.wait().unwrap().code(), Some(0));
@@ -789,8 +800,6 @@ fn on_a_terminal() {
     );
 }
 
-/// A Pixy2 on a pseudo-terminal: found at its rate, its ball straight ahead within the way that it is
-/// moved.
 /// A Pixy2 on a pseudo-terminal, which ends with it.
 struct Pixy2(Child);
 
@@ -828,12 +837,10 @@ fn a_pixy2_records_then_solve() {
                  [[object]]\ncolour = [220, 110, 40]\nstops = [{{ x = {x}, y = {y}, radius = 0.1 }}]\n"
             ),
         );
-        // One that is killed leaves its name behind.
-        let port = files.path(&format!("pixy{x}"));
-        let _camera = Pixy2::start(&["--pty", &port, "--scene", &scene]);
+        let scene = format!("scene={scene}");
         let place = format!("{x},{y}");
         let done = run(&[
-            &["probe", "--camera", "pixy2", "--port", &port][..],
+            &["probe", "--camera", "pixy2", "--emulate", &scene][..],
             &["--fov-deg", "60", "--record", &file, "--at", &place],
         ]
         .concat());
@@ -858,23 +865,15 @@ fn a_pixy2_records_then_solve() {
 /// At another rate it understands nothing.
 #[test]
 fn a_pixy2_has_one_rate() {
-    let files = Files::new();
-    let port = files.path("pixy");
-    let _camera = Pixy2::start(&["--pty", &port]);
-    let probe = [
-        "probe",
-        "--camera",
-        "pixy2",
-        "--port",
-        &port,
-        "--fov-deg",
-        "60",
-    ];
+    let probe = ["probe", "--camera", "pixy2", "--emulate", "--fov-deg", "60"];
     let done = run(&[&probe[..], &["--count", "1"]].concat());
     let found = "a Pixy2 at 19200 baud";
     assert!(done.stderr.contains(found), "{}", done.stderr);
+    let text = failure(&[&probe[1..], &["--baud", "115200"]].concat());
+    assert!(text.contains("no Pixy2 answers"), "{text}");
 }
 
+/// On a pseudo-terminal: its ball is straight ahead within the way that it is moved.
 #[test]
 fn a_pixy2() {
     let files = Files::new();
@@ -918,7 +917,7 @@ fn a_pixy2() {
         "{}",
         refused.stderr
     );
-    let (_camera, _port, silent) = line();
+    let (_camera, _port, silent) = LineEnd::pair();
     let done = run(&[
         "probe", "--camera", "pixy2", "--port", &silent, "--baud", "19200",
     ]);

@@ -1,68 +1,81 @@
 //! The command `host-sim camera`, through real file descriptors.
 
 use std::{
+    cell::RefCell,
     fs::File,
-    io::{Read, Write},
+    io::{BufRead, BufReader, Read, Write},
     os::unix::fs::symlink,
     path::Path,
-    process::{Child, Command, Output, Stdio},
-    thread::sleep,
-    time::{Duration, Instant},
+    process::{Child, Command, Stdio},
+    sync::mpsc::{self, Receiver},
+    thread::{self, sleep},
+    time::Duration,
 };
 
+use crate::common::wait_until;
 use rustix::{
     io::ioctl_fionread,
     termios::{OptionalActions, tcgetattr, tcsetattr},
 };
 
-/// Long enough for any machine; nothing depends on how fast it is.
-const PATIENCE: Duration = Duration::from_secs(30);
-
 /// A camera that is ended with the test.
-struct Camera(Option<Child>);
+struct Camera {
+    child: Child,
+    /// What it has said, as far as it was looked at.
+    said: RefCell<String>,
+    says: Receiver<String>,
+}
 
 impl Camera {
     fn start(link: &Path, options: &[&str]) -> Self {
-        let child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
             .args(["camera", "--verbose", "--pty"])
             .arg(link)
             .args(options)
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let camera = Self(Some(child));
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let (tell, says) = mpsc::channel();
+        // The test may not listen any more.
+        thread::spawn(move || lines.for_each(|line| drop(tell.send(line.unwrap() + "\n"))));
         wait_until(|| link.exists());
-        camera
+        Self {
+            child,
+            said: RefCell::default(),
+            says,
+        }
+    }
+
+    /// Waits until it has said this.
+    fn says(&self, words: &str) {
+        let mut said = self.said.borrow_mut();
+        while !said.contains(words) {
+            *said += &self.says.recv().expect("it ended");
+        }
     }
 
     /// Sends a signal by its name.
     fn signal(&self, name: &str) {
-        let process = self.0.as_ref().unwrap().id().to_string();
+        let process = self.child.id().to_string();
         let done = Command::new("kill").args(["-s", name, &process]).status();
         assert!(done.unwrap().success());
     }
 
     /// Ends it as a terminal or a service manager does; what it has said.
-    fn end(mut self, name: &str) -> Output {
+    fn end(mut self, name: &str) -> String {
         self.signal(name);
-        self.0.take().unwrap().wait_with_output().unwrap()
+        let said = self.said.take() + &self.says.iter().collect::<String>();
+        assert!(self.child.wait().unwrap().success());
+        said
     }
 }
 
 impl Drop for Camera {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
-    }
-}
-
-fn wait_until(mut holds: impl FnMut() -> bool) {
-    let begin = Instant::now();
-    while !holds() {
-        assert!(begin.elapsed() < PATIENCE);
-        sleep(Duration::from_millis(5));
+        // It may have ended.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
@@ -123,9 +136,7 @@ fn any_program_can_talk_to_it() {
         read_until(&mut port, ":") == "ACK\r:"
     });
     let said = camera.end("TERM");
-    assert!(said.status.success());
     assert!(link.symlink_metadata().is_err(), "the link is still there");
-    let said = String::from_utf8(said.stderr).unwrap();
     for part in [
         "115200 baud",
         "started",
@@ -143,7 +154,7 @@ fn every_ordinary_end_removes_the_link() {
     for signal in ["INT", "HUP", "TERM"] {
         let link = folder.path().join(signal);
         let camera = Camera::start(&link, &["--baud", "9600"]);
-        assert!(camera.end(signal).status.success());
+        camera.end(signal);
         assert!(link.symlink_metadata().is_err(), "after {signal}");
     }
 }
@@ -184,12 +195,14 @@ fn a_program_with_another_rate_gets_garbage() {
             let banner = read_until(&mut port, "c6\r:");
             assert!(banner.ends_with("ACK\rCMUcam2 v1.00 c6\r:"), "{banner:?}");
         } else {
-            let heard = answer(&mut port, b"GV\r");
+            port.write_all(b"GV\r").unwrap();
+            camera.says("9600 baud");
+            let heard = answer(&mut port, b"");
             assert!(!heard.starts_with(b"ACK"), "{heard:?}");
         }
         set_baud(&port, 38_400);
         wait_until(|| answer(&mut port, b"GB\r").ends_with(b"ACK\r0\r:"));
-        let said = String::from_utf8(camera.end("TERM").stderr).unwrap();
+        let said = camera.end("TERM");
         assert_eq!(said.contains("9600 baud"), !understood, "{said}");
     }
 }

@@ -791,3 +791,71 @@ fn a_lens_of_another_projection_is_named() {
     assert_eq!(right.code, 0, "{}", right.stderr);
     assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
 }
+
+/// A file is read case by case where the rows of each case follow one another, and as a whole where they do
+/// not, or where all cases are asked something together: people do not see which. Nor does it matter where the
+/// rows come from.
+#[test]
+fn answers_do_not_depend_on_the_order_of_rows_or_on_where_they_come_from() {
+    let files = Files::new();
+    let names = ["b", "the longest name", "a", "c"];
+    let spoilt = |case: &str| rows(case).replacen("3,4", "3,four", 1);
+    let told: Vec<String> = { names.iter() }
+        .map(|case| match *case {
+            "a" => spoilt(case),
+            _ => rows(case),
+        })
+        .collect();
+    let together = format!("{HEADER}{}", told.concat());
+    let mixed: String = (0..3)
+        .flat_map(|row| told.iter().map(move |rows| rows.lines().nth(row).unwrap()))
+        .map(|row| format!("{row}\n"))
+        .collect();
+    let mixed = format!("{HEADER}{mixed}");
+    for options in [&[][..], &["--json"]] {
+        let mut answers = Vec::new();
+        for (name, text) in [("together.csv", &together), ("mixed.csv", &mixed)] {
+            let file = files.write(name, text);
+            let map = file.replace(".csv", ".svg");
+            let usual = |file: &str, more: &[&str]| {
+                let arguments = ["solve", file, "--bearing-sigma", "0.01"];
+                let arguments = [&arguments[..], options, more].concat();
+                match file {
+                    "-" => run_with_input(&arguments, text),
+                    _ => run(&arguments),
+                }
+            };
+            // To draw them, all cases are kept.
+            for done in [
+                usual(&file, &[]),
+                usual("-", &[]),
+                usual(&file, &["--plot", &map]),
+            ] {
+                assert_eq!(done.code, 0, "{}", done.stderr);
+                // The line is that of the file.
+                let line = text.lines().position(|line| line.contains("four")).unwrap() + 1;
+                assert!(
+                    done.stderr.contains(&format!(":{line}: `target_y`")),
+                    "{}",
+                    done.stderr
+                );
+                assert!(
+                    done.stderr.contains("4 cases: 3 calibrated, 1 refused"),
+                    "{}",
+                    done.stderr
+                );
+                answers.push(done.stdout);
+            }
+        }
+        assert!(
+            answers.iter().all(|other| *other == answers[0]),
+            "{answers:#?}"
+        );
+        if !options.is_empty() {
+            let order: Vec<_> = { statuses(&answers[0]).into_iter() }
+                .map(|(case, _)| case)
+                .collect();
+            assert_eq!(order, names);
+        }
+    }
+}

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     config::TargetConfig,
     hardware::{Hardware, StepSensor},
-    limits::{WALK_BEARINGS, WALK_STOPS},
+    limits::{ESTIMATED_STOPS, WALK_BEARINGS},
     log::warning,
     message::StopNumber,
     network::Network,
@@ -36,7 +36,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     let channels = DeviceChannels::new();
     // Each on its own: together they would be made on the stack first.
     let mut cameras = [UnknownStorage::default(); CAMERAS];
-    let mut stops = [StopStorage::default(); WALK_STOPS];
+    let mut stops = [StopStorage::default(); ESTIMATED_STOPS];
     let mut bearings = [BearingStorage::default(); WALK_BEARINGS];
     let mut workspace = [0.0; WORKSPACE];
     let mut told = [None; CAMERAS];

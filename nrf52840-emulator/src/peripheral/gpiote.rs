@@ -154,7 +154,7 @@ impl Model for Gpiote {
             CONFIG..CONFIG_END => self.configure((offset - CONFIG) / 4, call),
             DETECTED => call.event(PORT),
             offset if offset == INPUTS => {
-                self.see(self.inputs & !0xffff_ffff | u64::from(value), call)
+                self.see(self.inputs & !0xffff_ffff | u64::from(value), call);
             }
             offset if offset == INPUTS + 4 => {
                 self.see(self.inputs & 0xffff_ffff | u64::from(value) << 32, call);

@@ -43,6 +43,20 @@ use rigless::{
     time::{EventId, VirtualNanos},
 };
 
+/// Over which wires bytes go, and how fast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wires {
+    /// Numbers of pins, those of the second port from 32 on; [`NOT_CONNECTED`](Self::NOT_CONNECTED) or above: none.
+    pub pins: [u32; 2],
+    /// Bits per second.
+    pub rate: u32,
+}
+
+impl Wires {
+    /// No pin.
+    pub const NOT_CONNECTED: u32 = 1 << 31;
+}
+
 /// Nanoseconds of a microsecond.
 pub const US: u64 = 1_000;
 

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use chip_pipe::Wires;
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, SHORTS, US};
+use super::{Call, DONE, Model, READ, SHORTS, US, Wires};
 use crate::device::Chip;
 
 const ERRORSRC: u16 = 0x4c4;

@@ -2,10 +2,9 @@
 
 use std::{collections::VecDeque, fmt, ops::Range};
 
-use chip_pipe::Wires;
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, SHORTS};
+use super::{Call, DONE, Model, READ, SHORTS, Wires};
 
 const ERRORSRC: u16 = 0x480;
 const ENABLE: u16 = 0x500;

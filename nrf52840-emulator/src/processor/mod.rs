@@ -507,7 +507,7 @@ mod tests {
             unsafe {
                 self.memory[place]
                     .add(at)
-                    .copy_from_nonoverlapping(bytes.as_ptr(), bytes.len())
+                    .copy_from_nonoverlapping(bytes.as_ptr(), bytes.len());
             }
         }
 

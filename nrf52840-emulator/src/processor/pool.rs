@@ -10,11 +10,12 @@ use std::{
     thread,
 };
 
-use chip_pipe::one_cpu::OneCpu;
 use rigless::{
     emulator::{Error, Processor, ProcessorConstructor, Queued},
     soc::Endian,
 };
+
+use crate::one_cpu::OneCpu;
 
 use super::{
     Program,

@@ -61,7 +61,7 @@ mod route;
 mod symmetric;
 
 use exchange::{Choice, Design};
-use first_sightings::FirstSightings;
+use first_sightings::{FirstSightings, Prices};
 pub(crate) use ground::Ground;
 pub use ground::NEAREST;
 pub use information::{Noise, column_angle, of_sighting};
@@ -362,19 +362,10 @@ impl Task<'_> {
         order.extend(gate.shortest().into_iter().map(|index| index + 1));
         let walk = Route::new(places[order[first - 1]], &places[first..], is_blocked);
         let firsts = self.first_sightings(places, first, enough);
-        let price = |walk: &[usize]| -> f64 {
-            let order = || {
-                order
-                    .iter()
-                    .copied()
-                    .chain(walk.iter().map(|index| index + first))
-            };
-            let price = |camera: &FirstSightings| camera.price(order(), self.stops, score_of_pose);
-            firsts.iter().map(price).sum()
-        };
+        let mut prices = Prices::new(&firsts, &order, self.stops, score_of_pose);
         let mut rest = walk.shortest();
         if self.placement != Placement::Anywhere {
-            walk.improve(&mut rest, price);
+            walk.improve(&mut rest, &mut prices);
         }
         order.extend(rest.into_iter().map(|index| index + first));
         let stops: Vec<_> = order.into_iter().map(|index| places[index]).collect();

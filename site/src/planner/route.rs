@@ -1,5 +1,7 @@
 //! In which order to visit places: a short open path from a given start.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Point2;
 
 /// Longer than any detour.
@@ -50,36 +52,98 @@ impl Route {
             here = next + 1;
             order.push(next);
         }
-        self.improve(&mut order, |_| 0.0);
+        self.improve(&mut order, &mut Free);
         order
     }
 
     /// Turns pieces around and moves single places while that lowers the length and the other
     /// `price` of an order together.
-    pub(super) fn improve(&self, order: &mut Vec<usize>, price: impl Fn(&[usize]) -> f64) {
+    pub(super) fn improve(&self, order: &mut Vec<usize>, price: &mut impl Price) {
         let mut length = self.length(order);
-        let mut paid = price(order);
+        let mut paid = price.settle(order);
         let mut trial = Vec::with_capacity(order.len());
         for _ in 0..SWEEPS {
             let before = length + paid;
             for change in changes(order.len()) {
+                // What is dearer by the length alone needs no price.
+                if self.longer(order, &change) > paid + ROUNDING {
+                    continue;
+                }
                 trial.clone_from(order);
                 change.make(&mut trial);
                 let trial_length = self.length(&trial);
-                // What is dearer by the length alone needs no price.
                 if trial_length >= length + paid - 1e-9 {
                     continue;
                 }
-                let trial_paid = price(&trial);
+                let trial_paid = price.of(&trial, change.span());
                 if trial_length + trial_paid < length + paid - 1e-9 {
                     order.clone_from(&trial);
-                    (length, paid) = (trial_length, trial_paid);
+                    length = trial_length;
+                    paid = price.settle(order);
                 }
             }
             if !(length + paid < before) {
                 break;
             }
         }
+    }
+
+    /// By how much a change makes an order longer: only the ways at its ends are other ones. Ways are as long
+    /// back as there.
+    fn longer(&self, order: &[usize], change: &Change) -> f64 {
+        // The place at an index, with the start before the first.
+        let at = |index: usize| match index.checked_sub(1) {
+            Some(index) => order.get(index).copied().map(Some),
+            None => Some(None),
+        };
+        let way = |from: Option<Option<usize>>, to: Option<Option<usize>>| match (from, to) {
+            (Some(from), Some(Some(to))) => self.ways[from.map_or(0, |from| from + 1)][to],
+            _ => 0.0,
+        };
+        match *change {
+            Change::Turn(first, last) => {
+                let (before, first, last, after) =
+                    (at(first), at(first + 1), at(last + 1), at(last + 2));
+                way(before, last) + way(first, after) - way(before, first) - way(last, after)
+            }
+            Change::Move(from, to) => {
+                let (before, moved, after) = (at(from), at(from + 1), at(from + 2));
+                let (left, right) = if to > from {
+                    (at(to + 1), at(to + 2))
+                } else {
+                    (at(to), at(to + 1))
+                };
+                way(before, after) + way(left, moved) + way(moved, right)
+                    - way(before, moved)
+                    - way(moved, after)
+                    - way(left, right)
+            }
+        }
+    }
+}
+
+/// Lengths that differ by no more are the same.
+const ROUNDING: f64 = 1e-6;
+
+/// What an order costs beside its length.
+pub(super) trait Price {
+    /// Of this order, of which others are changes from now on.
+    fn settle(&mut self, order: &[usize]) -> f64;
+
+    /// Of the order that was settled on, changed between these indices.
+    fn of(&mut self, order: &[usize], changed: RangeInclusive<usize>) -> f64;
+}
+
+/// Only the length counts.
+struct Free;
+
+impl Price for Free {
+    fn settle(&mut self, _order: &[usize]) -> f64 {
+        0.0
+    }
+
+    fn of(&mut self, _order: &[usize], _changed: RangeInclusive<usize>) -> f64 {
+        0.0
     }
 }
 
@@ -103,6 +167,16 @@ impl Change {
     }
 }
 
+impl Change {
+    /// The indices between which an order changes.
+    fn span(&self) -> RangeInclusive<usize> {
+        match *self {
+            Self::Turn(first, last) => first..=last,
+            Self::Move(from, to) => from.min(to)..=from.max(to),
+        }
+    }
+}
+
 fn changes(count: usize) -> impl Iterator<Item = Change> {
     let turns = (0..count)
         .flat_map(move |first| (first + 1..count).map(move |last| Change::Turn(first, last)));
@@ -120,6 +194,40 @@ mod tests {
 
     fn route(places: &[Point2<f64>], blocked: impl Fn(Point2<f64>, Point2<f64>) -> bool) -> Route {
         Route::new(Point2::origin(), places, blocked)
+    }
+
+    /// The price of not beginning with the last one.
+    struct Late(f64);
+
+    impl Price for Late {
+        fn settle(&mut self, order: &[usize]) -> f64 {
+            if order[0] == 4 { 0.0 } else { self.0 }
+        }
+
+        fn of(&mut self, order: &[usize], _changed: RangeInclusive<usize>) -> f64 {
+            self.settle(order)
+        }
+    }
+
+    /// What a change adds is told from its ends alone.
+    #[test]
+    fn a_change_is_as_long_as_its_ends_say() {
+        let places: Vec<_> = (0..7)
+            .map(|n| Point2::new(f64::from(n * n % 7), f64::from(3 * n % 5)))
+            .collect();
+        let route = route(&places, |a, b| (a.x - b.x).abs() > 5.0);
+        let order = vec![3, 0, 6, 2, 5, 1, 4];
+        let length = route.length(&order);
+        for change in changes(order.len()) {
+            let mut changed = order.clone();
+            change.make(&mut changed);
+            let longer = route.length(&changed) - length;
+            assert!((route.longer(&order, &change) - longer).abs() < 1e-6);
+            let span = change.span();
+            for (n, (a, b)) in order.iter().zip(&changed).enumerate() {
+                assert!(a == b || span.contains(&n));
+            }
+        }
     }
 
     #[test]
@@ -146,11 +254,10 @@ mod tests {
     fn the_price_decides() {
         let places: Vec<_> = (1..=5).map(|x| Point2::new(f64::from(x), 0.0)).collect();
         let route = route(&places, |_, _| false);
-        let late = |price: f64| move |order: &[usize]| if order[0] == 4 { 0.0 } else { price };
         let mut order = route.shortest();
-        route.improve(&mut order, late(3.0));
+        route.improve(&mut order, &mut Late(3.0));
         assert_eq!(order, [0, 1, 2, 3, 4]);
-        route.improve(&mut order, late(5.0));
+        route.improve(&mut order, &mut Late(5.0));
         assert_eq!(order, [4, 3, 2, 1, 0]);
     }
 }

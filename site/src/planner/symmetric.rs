@@ -21,14 +21,21 @@ impl Symmetric {
         self.width
     }
 
+    /// One of its rows.
+    pub(super) fn row(&self, row: usize) -> &[f64] {
+        &self.numbers[row * self.width..][..self.width]
+    }
+
     /// The same with so many more rows and columns of zeros, and room for more.
     pub(super) fn widened(&self, by: usize) -> Self {
-        let mut wide = Self::zeros(self.width + by);
-        let rows = wide.numbers.chunks_mut(self.width + by);
-        for (to, from) in rows.zip(self.numbers.chunks(self.width)) {
-            to[..self.width].copy_from_slice(from);
+        let width = self.width + by;
+        let mut numbers = Vec::with_capacity(width * width);
+        for row in self.numbers.chunks(self.width) {
+            numbers.extend_from_slice(row);
+            numbers.resize(numbers.len() + by, 0.0);
         }
-        wide
+        numbers.resize(width * width, 0.0);
+        Self { width, numbers }
     }
 
     /// Less a multiple of the square of a vector.

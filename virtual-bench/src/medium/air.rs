@@ -194,6 +194,18 @@ pub(super) struct Air {
     spare: Vec<(Vec<u8>, Vec<u32>)>,
     /// Radios on each channel.
     listeners: [u64; CHANNELS],
+    /// The channel of each node's radio: most of those in reach of a frame are on another one, and are passed
+    /// over without a look at all the rest of them.
+    tuned: Vec<Tuned>,
+}
+
+/// To what a radio listens.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Tuned {
+    Off,
+    To(Channel),
+    /// A radio elsewhere tells itself.
+    Elsewhere,
 }
 
 const CHANNELS: usize = (Channel::LAST.number() - Channel::FIRST.number()) as usize + 1;
@@ -214,10 +226,32 @@ impl Air {
             transmissions: Slab::new(),
             spare: Vec::new(),
             listeners: [0; CHANNELS],
+            tuned: Vec::new(),
         }
     }
 
+    /// A node has a radio elsewhere from now on, or no longer; returns that of before.
+    pub(super) fn set_ear(
+        &mut self,
+        id: NodeId,
+        ear: Option<Box<dyn Ear>>,
+    ) -> Option<Box<dyn Ear>> {
+        let old = std::mem::replace(&mut self.node_mut(id).ear, ear);
+        self.retune(id);
+        old
+    }
+
+    fn retune(&mut self, id: NodeId) {
+        let node = self.node(id);
+        self.tuned[id.0 as usize] = match (&node.ear, &node.config) {
+            (Some(_), _) => Tuned::Elsewhere,
+            (None, Some(config)) => Tuned::To(config.channel),
+            (None, None) => Tuned::Off,
+        };
+    }
+
     pub(super) fn add(&mut self, place: Place) -> NodeId {
+        self.tuned.push(Tuned::Off);
         self.nodes.push(Node {
             ear: None,
             config: None,
@@ -284,11 +318,12 @@ impl Air {
     }
 
     /// Returns an event that must not come any more.
-    pub(super) fn switch_off(&mut self, node: NodeId) -> Option<EventId> {
-        let node = &mut self.nodes[node.0 as usize];
-        if let Some(config) = node.config.take() {
+    pub(super) fn switch_off(&mut self, id: NodeId) -> Option<EventId> {
+        if let Some(config) = self.node_mut(id).config.take() {
             self.listeners[index(config.channel)] -= 1;
         }
+        self.retune(id);
+        let node = &mut self.nodes[id.0 as usize];
         node.carriers.clear();
         node.lock = None;
         node.queue.clear();
@@ -307,6 +342,7 @@ impl Air {
 
     pub(super) fn configure(&mut self, id: NodeId, config: RadioConfig) {
         let old = self.node_mut(id).config.replace(config);
+        self.retune(id);
         if old.is_some_and(|old| old.channel == config.channel) {
             return;
         }
@@ -469,10 +505,9 @@ impl Air {
         let links = self.links.of(from).len();
         for at in 0..links {
             let link = self.links.of(from)[at];
-            let node = &self.nodes[link.to as usize];
-            let has_ear = node.ear.is_some();
-            let is_tuned = node.config.is_some_and(|config| config.channel == channel);
-            if !(has_ear || is_tuned) {
+            let tuned = self.tuned[link.to as usize];
+            let has_ear = tuned == Tuned::Elsewhere;
+            if !has_ear && tuned != Tuned::To(channel) {
                 continue;
             }
             let strength = self.links.propagation.received(link, power);

@@ -166,7 +166,7 @@ impl Medium {
 
     /// A node has a radio elsewhere from now on, or no longer.
     pub fn set_ear(&self, node: NodeId, ear: Option<Box<dyn Ear>>) {
-        let old = std::mem::replace(&mut self.0.air.borrow_mut().node_mut(node).ear, ear);
+        let old = self.0.air.borrow_mut().set_ear(node, ear);
         drop(old);
     }
 

@@ -70,12 +70,13 @@ const BOARDS: [Board; 2] = [
         // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so that
         // it gets no worse: lower it when the image shrinks. 5.3 KB are the Pixy2's, which any node may
         // have, 2.4 KB what a target brings to another network and the line of its stops,
-        // 2 KB the judging of colours, 17 KB the tracking of objects; the chip has 1 MB.
+        // 2 KB the judging of colours, 17 KB the tracking of objects; the chip has 1 MB. Of the RAM 82 KB are the
+        // equations of the stops that a target estimates together.
         budget: Budget {
-            flash: 266 << 10,
-            ram: 64 << 10,
+            flash: 281 << 10,
+            ram: 144 << 10,
             stack: 12 << 10,
-            aim: [96 << 10, 48 << 10, 8 << 10],
+            aim: [96 << 10, 120 << 10, 8 << 10],
         },
     },
     Board {
@@ -83,10 +84,10 @@ const BOARDS: [Board; 2] = [
         name: "NUCLEO-L476RG",
         // As above.
         budget: Budget {
-            flash: 279 << 10,
-            ram: 64 << 10,
+            flash: 294 << 10,
+            ram: 88 << 10,
             stack: 12 << 10,
-            aim: [96 << 10, 48 << 10, 8 << 10],
+            aim: [96 << 10, 120 << 10, 8 << 10],
         },
     },
 ];
@@ -231,7 +232,7 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
     cmd!(
         sh,
-        "cargo build --locked --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
+        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
     )
     .env(LINK_IN, folder)
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER)

@@ -2,8 +2,8 @@
 
 use crate::place::Place;
 
-const CHORES: [&str; 9] = [
-    "test", "bench", "campaign", "cortex-m", "size", "firmware", "peers", "fuzz", "help",
+const CHORES: [&str; 10] = [
+    "test", "bench", "campaign", "cortex-m", "size", "firmware", "peers", "fuzz", "scale", "help",
 ];
 
 #[test]
@@ -34,7 +34,7 @@ fn an_unknown_chore_is_refused() {
 #[test]
 fn every_chore_tells_what_it_is() {
     let place = Place::new();
-    for chore in &CHORES[..8] {
+    for chore in &CHORES[..9] {
         let help = place.run(&[chore, "--help"]).ok();
         let (first, usage) = help.split_once("\n\n").unwrap();
         assert!(first.len() > 20, "{chore}: {first}");

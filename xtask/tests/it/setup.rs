@@ -34,8 +34,7 @@ fn calls(place: &Place) -> Vec<String> {
     calls.lines().map(str::to_owned).collect()
 }
 
-const PACKAGES: &str =
-    "gdb-multiarch qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver";
+const PACKAGES: &str = "gdb-multiarch qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver valgrind";
 
 #[test]
 fn without_a_compiler() {

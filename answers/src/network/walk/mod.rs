@@ -155,8 +155,8 @@ impl<'a> Walk<'a> {
     pub(super) fn solve(&self, settings: &Settings) -> Result<NetworkSolution, NetworkError> {
         let known = self.sightings.references.and_then(|known| known.baseline);
         let solved = match known {
-            Some(baseline) => self.solve_part(baseline, None, settings.fit_legs),
-            None => self.solve_unknown_baseline(settings.fit_legs),
+            Some(baseline) => self.solve_part(baseline, None, settings.depth()),
+            None => self.solve_unknown_baseline(settings.depth()),
         };
         match solved {
             Ok((part, mut output, baseline)) => {
@@ -259,10 +259,9 @@ impl<'a> Walk<'a> {
         &self,
         baseline: f64,
         scale: Option<Prior<f64>>,
-        fit_legs: bool,
+        depth: Depth,
     ) -> Result<(Part, Output, [f64; 2]), Failure> {
         let settings = self.settings(baseline, scale);
-        let depth = Depth::Checked { fit_legs };
         let mut pieces = self.pieces();
         if pieces.len() == 1 {
             let part = self.part(&pieces, baseline, settings, None);

@@ -17,7 +17,7 @@ impl Walk<'_> {
     /// how long that is; sigmas and correlations with it go into every length.
     pub(super) fn solve_unknown_baseline(
         &self,
-        fit_legs: bool,
+        depth: Depth,
     ) -> Result<(Part, Output, [f64; 2]), Failure> {
         let free = Prior {
             mean: 1.0,
@@ -30,9 +30,9 @@ impl Walk<'_> {
             .flatten()
             .map(|leg| leg.displacement.norm());
         let longest = lengths.fold(f64::MIN_POSITIVE, f64::max);
-        let (_, output, _) = self.solve_part(longest, Some(free), false)?;
+        let (_, output, _) = self.solve_part(longest, Some(free), depth.believing())?;
         let baseline = longest * output.carrier.scale;
-        let (part, mut output, _) = self.solve_part(baseline, Some(free), fit_legs)?;
+        let (part, mut output, _) = self.solve_part(baseline, Some(free), depth)?;
         let scale = output.carrier.scale;
         let sigma = output.carrier.sigma_scale();
         let [own_sigma, _] = self.carrier_sigmas();
@@ -91,6 +91,10 @@ impl Walk<'_> {
 /// The same measurements without those that were left out.
 fn without(input: &Input, output: &Output) -> Input {
     let mut input = input.clone();
+    if output.bearings.is_empty() {
+        // Nothing was looked for.
+        return input;
+    }
     let counts = |left: &Option<BearingResidual<f64>>| {
         left.is_some_and(|left| left.standing == Standing::Counts)
     };

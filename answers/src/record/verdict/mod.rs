@@ -3,6 +3,7 @@
 //! | module | job |
 //! |---|---|
 //! | `causes` | What is the matter with most cameras: lens, carrier, sigmas |
+//! | `judge` | Verdicts one after the other, of which most stays the same |
 //! | `in_view` | Whether a camera could have seen the target, or stands in a sealed room |
 //! | `words` | The verdict in sentences |
 
@@ -11,17 +12,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use calib_core::{Refusal, Status};
 use node_firmware::message::{Eye, Health};
 
-use super::{
-    Node, NodeLens, Protection, Role, RunRecord, checks,
-    next_stop::{self, Wish},
-};
+use super::{Node, NodeLens, Protection, Role, RunRecord, checks, next_stop::Wish};
 
 mod causes;
 mod in_view;
+mod judge;
 mod words;
 
 pub use causes::deceives;
 pub use in_view::InView;
+pub use judge::Judge;
 pub use words::{check_words, half_turn, health_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
@@ -221,13 +221,22 @@ pub struct NextStop {
 impl Verdict {
     /// On a run, or a real network.
     pub fn of(record: &RunRecord) -> Self {
+        Judge::default().verdict(record)
+    }
+
+    fn found(record: &RunRecord, judge: &mut Judge) -> Self {
         let networks = Networks::of(record);
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
         common.extend(networks.missing(record).map(Common::Reference));
         let mut to_check = Vec::new();
         for network in record.networks.iter().map(|network| network.network) {
-            let (troubles, stops) = unchecked(record, network, &mut common);
+            let Unchecked {
+                troubles,
+                stops,
+                common: own,
+            } = judge.unchecked(record, network);
+            common.extend(own);
             to_check.extend(stops);
             for (camera, trouble) in troubles {
                 by_camera.entry(camera).or_default().push(trouble);
@@ -248,7 +257,7 @@ impl Verdict {
         }
         let mut next_stops: Vec<NextStop> = wishes
             .iter()
-            .flat_map(|(network, wishes)| next_stop::propose(record, *network, wishes))
+            .flat_map(|(network, wishes)| judge.propose(record, *network, wishes))
             .chain(to_check)
             .collect();
         next_stops.sort_by_key(|stop| stop.network);
@@ -323,24 +332,30 @@ impl Verdict {
 }
 
 /// Of the poses of a network that nobody checked: why, and where to stop next.
-fn unchecked(
-    record: &RunRecord,
-    network: u16,
-    common: &mut Vec<Common>,
-) -> (Vec<(u16, Trouble)>, Vec<NextStop>) {
+#[derive(Clone, Debug, Default)]
+struct Unchecked {
+    troubles: Vec<(u16, Trouble)>,
+    stops: Vec<NextStop>,
+    common: Vec<Common>,
+}
+
+fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     let own = || record.cameras().filter(|camera| camera.network == network);
     let unchecked: Vec<&Node> = own()
         .filter(|camera| camera.is_checkable() && !camera.is_checked(&record.limits))
         .collect();
     if unchecked.is_empty() {
-        return Default::default();
+        return Unchecked::default();
     }
     if own().all(|camera| camera.protection.is_none()) {
-        common.push(match own().any(|camera| camera.reference) {
+        let common = match own().any(|camera| camera.reference) {
             true => Common::Unchecked(network),
             false => Common::UncheckedGuests(network),
-        });
-        return Default::default();
+        };
+        return Unchecked {
+            common: vec![common],
+            ..Unchecked::default()
+        };
     }
     let checks = checks::of(record, network, &unchecked);
     let troubles = unchecked.iter().map(|camera| {
@@ -350,7 +365,11 @@ fn unchecked(
         };
         (camera.id, trouble)
     });
-    (troubles.collect(), checks.stops)
+    Unchecked {
+        troubles: troubles.collect(),
+        stops: checks.stops,
+        common: Vec::new(),
+    }
 }
 
 /// What is the matter with a camera that should be calibrated.

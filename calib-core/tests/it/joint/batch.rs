@@ -211,3 +211,37 @@ fn the_way_there_does_not_matter() {
         );
     }
 }
+
+/// Walks so short that hardly anything is measured twice, where normal equations have least to hold on to.
+#[test]
+fn single_precision_is_as_good_with_hardly_any_redundancy() {
+    let (mut worst, mut worst_sigma, mut solved) = (0.0_f64, 0.0_f64, 0);
+    for (_, errors) in CASES {
+        for seed in 0..24 {
+            let walk = Walk::random(&mut generator(100 + seed), 6, 6, errors, 0.0024);
+            let (mut single, mut double) = (filled::<f32>(&walk, WIDE), filled::<f64>(&walk, WIDE));
+            let (Ok(_), Ok(_)) = (single.solve(), double.solve()) else {
+                continue;
+            };
+            solved += 1;
+            for camera in 2..6 {
+                let (Ok(a), Ok(b)) = (single.pose(camera), double.pose(camera)) else {
+                    continue;
+                };
+                let off = a.position.cast::<f64>() - b.position;
+                let sigma = b.sigma_position();
+                worst = worst.max(off.norm() / sigma);
+                let turned = turn(a.heading.into(), b.heading).abs();
+                worst = worst.max(turned / b.sigma_heading());
+                let ratio = f64::from(a.sigma_position()) / sigma;
+                worst_sigma = worst_sigma.max((ratio - 1.0).abs());
+            }
+        }
+    }
+    std::println!("{worst:e} sigma, sigmas {worst_sigma:e} off, {solved} walks");
+    assert!(solved > 48, "{solved}");
+    assert!(
+        worst < 0.03 && worst_sigma < 0.01,
+        "{worst:e}, {worst_sigma:e}"
+    );
+}

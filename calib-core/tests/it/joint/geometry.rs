@@ -2,7 +2,7 @@
 
 use calib_core::{
     Limits, Refusal,
-    joint::{JointError, JointSettings, Leg, Prior},
+    joint::{JointError, JointSettings, Leg, Prior, Undetermined},
 };
 use nalgebra::{Matrix2, Point2, Vector2};
 use proptest::prelude::*;
@@ -324,5 +324,47 @@ fn a_split_camera_is_two() {
         (3, 9, JointError::Taken),
     ] {
         assert_eq!(joint.split(camera, 5, into), Err(why), "{camera} {into}");
+    }
+}
+
+/// A stop to which nothing was measured, and where no camera saw the target, is named with what hangs on it, and
+/// nothing else is worse for it.
+#[test]
+fn what_is_not_determined_is_named() {
+    let walk = Walk::random(&mut generator(7), 8, 16, CarrierErrors::UNKNOWN, 0.0024);
+    let mut whole = filled::<f32>(&walk, WIDE);
+    whole.solve().unwrap();
+    assert_eq!(whole.undetermined(), None);
+    let mut joint = filled::<f32>(&walk, WIDE);
+    let lost = joint.add_stop(None).unwrap();
+    let leg = Leg {
+        displacement: Vector2::new(1.0, 0.5),
+        covariance: Matrix2::from_diagonal_element(1e-4),
+    };
+    let after = joint.add_stop(Some(leg)).unwrap();
+    joint.solve().unwrap();
+    assert_eq!(
+        joint.undetermined(),
+        Some(Undetermined::Stop(lost.try_into().unwrap()))
+    );
+    for stop in [lost, after] {
+        assert_eq!(joint.place(stop), Err(Refusal::Undetermined));
+    }
+    // The way between both is what was measured of it, and nothing checks that.
+    let between = joint.leg_residual(after).unwrap();
+    assert_eq!(between.degrees_of_freedom, 0);
+    assert!(joint.place(lost - 1).is_ok() && joint.carrier().is_ok());
+    joint.protect().unwrap();
+    whole.protect().unwrap();
+    for camera in 0..8 {
+        let (a, b) = (joint.pose(camera), whole.pose(camera));
+        assert_eq!(a.is_ok(), b.is_ok(), "{camera}");
+        let (Ok(a), Ok(b)) = (a, b) else { continue };
+        assert!((a.covariance - b.covariance).norm() <= 1e-3 * b.covariance.norm());
+        let [a, b] = [&joint, &whole].map(|joint| joint.protection(camera));
+        if let (Some(a), Some(b)) = (a, b) {
+            assert!((a.position_bearing / b.position_bearing - 1.0).abs() < 1e-2);
+            assert!((a.position_leg / b.position_leg - 1.0).abs() < 1e-2);
+        }
     }
 }

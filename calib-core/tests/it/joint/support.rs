@@ -2,7 +2,7 @@
 
 use calib_core::{
     Limits, Real,
-    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace_with_lenses},
+    joint::{Capacity, JointEstimator, JointMemory, JointSettings, Leg, Prior},
 };
 use test_support::{
     generator, normal,
@@ -23,13 +23,19 @@ pub(crate) fn memory<T: Real>(
     fn kept<V: Default + Clone>(count: usize) -> &'static mut [V] {
         vec![V::default(); count].leak()
     }
+    let capacity = Capacity {
+        cameras,
+        stops,
+        bearings,
+        marks,
+    };
     JointMemory {
         cameras: kept(cameras),
         stops: kept(stops),
         bearings: kept(bearings),
         marks: kept(marks),
         visits: kept(2 * marks),
-        workspace: vec![T::zero(); workspace_with_lenses(cameras, marks)].leak(),
+        workspace: vec![T::zero(); capacity.workspace_with_lenses()].leak(),
     }
 }
 

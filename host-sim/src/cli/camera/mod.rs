@@ -1,7 +1,6 @@
 //! `host-sim camera`
 
 use std::{
-    collections::VecDeque,
     fmt::Display,
     fs,
     path::PathBuf,
@@ -21,9 +20,11 @@ use cmucam2_emulator::{
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
-use self::{film::Film, line::Line};
+use self::{carried::Carried, film::Film, line::Line};
 use super::{pseudo_terminal::PseudoTerminal, tell, values};
 
+mod carried;
+pub(super) mod emulated;
 mod film;
 mod line;
 mod pixy2;
@@ -196,18 +197,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let line = arguments.line()?;
     arguments.tell_where("CMUcam2", &line);
     let mut camera = RealTime {
-        emulator: Emulator::new(configuration, scene),
+        carried: Carried::new(Emulator::new(configuration, scene), arguments.baud()),
         film,
         line,
         start: Instant::now(),
         arguments,
-        host_baud: arguments.baud(),
-        incoming: VecDeque::new(),
         losing: false,
     };
     while !stop.load(Ordering::Relaxed) {
         if power.swap(false, Ordering::Relaxed) {
-            camera.emulator.power_cycle(camera.now());
+            let now = camera.now();
+            camera.carried.camera.power_cycle(now);
         }
         camera.step()?;
     }
@@ -311,15 +311,12 @@ impl Arguments {
 
 /// The emulator on the clock.
 struct RealTime<'a> {
-    emulator: Emulator,
+    carried: Carried<Emulator>,
     /// In the place of the scene.
     film: Option<Film>,
     line: Line,
     start: Instant,
     arguments: &'a Arguments,
-    host_baud: u32,
-    /// Bytes from the other program, with the time at which a line would have carried them.
-    incoming: VecDeque<(Time, u8)>,
     /// The other program does not read fast enough.
     losing: bool,
 }
@@ -332,40 +329,28 @@ impl RealTime<'_> {
 
     fn step(&mut self) -> anyhow::Result<()> {
         let now = self.now();
-        let arrival = self.incoming.front().map(|&(at, _)| at);
-        let deadline = self.emulator.next_deadline();
-        let wait = match arrival.into_iter().chain(deadline).min() {
+        let wait = match self.carried.next() {
             Some(at) => Duration::from_nanos(at.saturating_sub(now)).min(PATIENCE),
             None => PATIENCE,
         };
         let received = self.line.receive(wait)?;
-        if let Some(baud) = self.arguments.other_rate(&self.line, self.host_baud)? {
-            self.host_baud = baud;
-            self.emulator.set_host_baud(baud);
+        let known = self.carried.host_baud();
+        if let Some(baud) = self.arguments.other_rate(&self.line, known)? {
+            self.carried.set_host_baud(baud);
         }
         if let Some(picture) = self.film.as_ref().map(Film::take).transpose()?.flatten() {
-            self.emulator.scene_mut().background = Background::Picture(picture);
+            self.carried.camera.scene_mut().background = Background::Picture(picture);
         }
         let now = self.now();
         // They come in one piece, but a line carries them one after the other.
-        let byte_time = BYTE_BITS * SECOND / Time::from(self.host_baud);
-        for byte in received {
-            let free_at = self.incoming.back().map_or(now, |&(at, _)| at.max(now));
-            self.incoming.push_back((free_at + byte_time, byte));
-        }
-        while let Some((at, byte)) = self.incoming.pop_front_if(|(at, _)| *at <= now) {
-            self.emulator.receive(byte, at);
-        }
-        let mut sent = Vec::new();
-        while let Some((_, byte)) = self.emulator.transmit(now) {
-            sent.push(byte);
-        }
+        self.carried.hear(&received, now);
+        let sent = self.carried.advance(now);
         let lost = self.line.send(&sent)?;
         if lost > 0 && !self.losing && self.arguments.verbose {
             tell("the other program does not read fast enough: bytes are lost");
         }
         self.losing = lost > 0;
-        while let Some(note) = self.emulator.take_note() {
+        while let Some(note) = self.carried.camera.take_note() {
             self.tell(&note);
         }
         Ok(())

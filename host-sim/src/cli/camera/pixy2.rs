@@ -1,7 +1,6 @@
 //! A Pixy2 on the clock.
 
 use std::{
-    collections::VecDeque,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -13,7 +12,11 @@ use anyhow::bail;
 use cmucam2_emulator::{Background, Scene, Time};
 use pixy2_emulator::{Configuration, Emulator};
 
-use super::{Arguments, BYTE_BITS, PATIENCE, SECOND, film::Film};
+use super::{
+    Arguments, PATIENCE,
+    carried::{Carried, Pixy2},
+    film::Film,
+};
 
 /// The rate of one as it is shipped.
 pub(super) const BAUD: u32 = 19_200;
@@ -59,43 +62,29 @@ pub(super) fn run(
 ) -> anyhow::Result<()> {
     let mut line = arguments.line()?;
     arguments.tell_where("Pixy2", &line);
-    let mut emulator = Emulator::new(arguments.pixy2()?, scene);
+    let baud = arguments.baud();
+    let emulator = Emulator::new(arguments.pixy2()?, scene);
+    let mut carried = Carried::new(Pixy2 { emulator, baud }, baud);
     let start = Instant::now();
     // 584 years.
     let clock = || start.elapsed().as_nanos() as Time;
-    let byte_time = BYTE_BITS * SECOND / Time::from(arguments.baud());
-    let mut incoming: VecDeque<(Time, u8)> = VecDeque::new();
-    let mut host_baud = arguments.baud();
     while !stop.load(Ordering::Relaxed) {
         if power.swap(false, Ordering::Relaxed) {
-            emulator.power_cycle(clock());
+            carried.camera.emulator.power_cycle(clock());
         }
-        let arrival = incoming.front().map(|&(at, _)| at);
-        let next = arrival.into_iter().chain(emulator.next_deadline()).min();
-        let wait = next.map_or(PATIENCE, |at| {
+        let wait = carried.next().map_or(PATIENCE, |at| {
             Duration::from_nanos(at.saturating_sub(clock())).min(PATIENCE)
         });
-        let mut received = line.receive(wait)?;
-        host_baud = arguments.other_rate(&line, host_baud)?.unwrap_or(host_baud);
-        if host_baud != arguments.baud() {
-            // At another rate no request is one.
-            received.clear();
+        let received = line.receive(wait)?;
+        if let Some(rate) = arguments.other_rate(&line, carried.host_baud())? {
+            carried.set_host_baud(rate);
         }
         if let Some(picture) = film.map(Film::take).transpose()?.flatten() {
-            emulator.scene_mut().background = Background::Picture(picture);
+            carried.camera.emulator.scene_mut().background = Background::Picture(picture);
         }
         let now = clock();
-        for byte in received {
-            let free_at = incoming.back().map_or(now, |&(at, _)| at.max(now));
-            incoming.push_back((free_at + byte_time, byte));
-        }
-        while let Some((at, byte)) = incoming.pop_front_if(|(at, _)| *at <= now) {
-            emulator.receive(byte, at);
-        }
-        let sent: Vec<u8> = std::iter::from_fn(|| emulator.transmit(now))
-            .map(|(_, byte)| byte)
-            .collect();
-        line.send(&sent)?;
+        carried.hear(&received, now);
+        line.send(&carried.advance(now))?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::{
     io::{self, IsTerminal, Write},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use cmucam2_driver::session::Fault;
@@ -80,14 +80,16 @@ pub(super) fn run(bench: &mut Bench<'_>) -> anyhow::Result<()> {
         .seconds
         .map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
     let output = Output::new(arguments.json);
-    let begin = Instant::now();
+    let clock = bench.clock.clone();
+    let begin = clock.now();
+    let elapsed = || clock.now().saturating_sub(begin);
     let before = Counters::of(bench.camera.session());
     let mut tally = Tally::default();
     let ended = loop {
         if arguments
             .count
             .is_some_and(|count| tally.packets() >= count)
-            || time.is_some_and(|time| begin.elapsed() >= time)
+            || time.is_some_and(|time| elapsed() >= time)
         {
             break Ok(());
         }
@@ -101,7 +103,7 @@ pub(super) fn run(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             Err(error) if is_interruption(&error) => break Ok(()),
             Err(error) => break Err(error),
         };
-        let after = begin.elapsed();
+        let after = elapsed();
         if let Some(remark) = bench.remark(&tracking) {
             output.tell(&remark);
         }

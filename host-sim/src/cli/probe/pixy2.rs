@@ -3,14 +3,14 @@
 use std::{
     io::{self, Write},
     path::Path,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use anyhow::{anyhow, bail};
 use host_sim::probe::{
     Bearing, View,
     display::Degrees,
-    port::{Baud, Port, PortError, Sleep},
+    port::{Baud, Clock, Port, PortError},
     record::Recording,
 };
 use indicatif::ProgressBar;
@@ -34,6 +34,16 @@ use super::{
 /// Rates that are tried: as it is shipped, and others that people set.
 const RATES: [u32; 4] = [19_200, 115_200, 57_600, 38_400];
 
+/// An adapter on USB holds bytes back, and so does a computer that is busy, where the camera is another program
+/// of it.
+const PATIENT: Policy = Policy {
+    reply_us: 500_000,
+    pause_us: 2_000,
+    busy_us: 5_000_000,
+    retries: 4,
+    poll_us: 500,
+};
+
 /// A line of what is seen.
 #[derive(Serialize)]
 struct Line {
@@ -48,12 +58,13 @@ struct Line {
     sigma_rad: Option<f64>,
 }
 
-type Camera = Pixy2<Port, Sleep>;
+type Camera = Pixy2<Port, Clock>;
 
 /// A Pixy2 with what is known about it.
 struct Bench<'a> {
     arguments: &'a Arguments,
     camera: Camera,
+    clock: Clock,
     view: View,
     person: Person,
 }
@@ -63,7 +74,7 @@ impl Bench<'_> {
     fn blocks(&mut self) -> anyhow::Result<Vec<Block>> {
         let of = Signatures::one(self.arguments.signature);
         let blocks = self.camera.blocks_wait(of, 2);
-        let path = &self.arguments.port;
+        let path = self.arguments.line();
         Ok(blocks.map_err(|error| failed(path, error))?.collect())
     }
 }
@@ -116,8 +127,8 @@ pub(super) fn run(
         bail!("{option} is for a CMUcam2");
     }
     let optics = arguments.camera.camera(COLUMNS)?;
-    let path = &arguments.port;
-    let (mut camera, rate) = connect(arguments, &person)?;
+    let path = arguments.line();
+    let (mut camera, clock, rate) = connect(arguments, &person)?;
     let refused = |error| failed(path, error);
     let version = camera.version_wait().map_err(refused)?;
     let (columns, rows) = camera.resolution_wait().map_err(refused)?;
@@ -131,6 +142,7 @@ pub(super) fn run(
     let mut bench = Bench {
         arguments,
         camera,
+        clock,
         view: View::new(COLUMNS, 0, optics),
         person,
     };
@@ -148,13 +160,15 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
     };
     let frames = usize::from(Patience::default().frames);
     let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, COLUMNS, shape);
-    let begin = Instant::now();
+    let clock = bench.clock.clone();
+    let begin = clock.now();
+    let elapsed = || clock.now().saturating_sub(begin);
     let time = arguments
         .seconds
         .map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
     let mut told = 0;
     while arguments.count.is_none_or(|count| told < count)
-        && time.is_none_or(|time| begin.elapsed() < time)
+        && time.is_none_or(|time| elapsed() < time)
     {
         let blocks = match bench.blocks() {
             Ok(blocks) => blocks,
@@ -169,7 +183,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             .and_then(|steady| bench.view.bearing(steady));
         let largest = blocks.first();
         let line = Line {
-            seconds: begin.elapsed().as_secs_f64(),
+            seconds: elapsed().as_secs_f64(),
             blocks: blocks.len(),
             x: largest.map(|block| block.x),
             y: largest.map(|block| block.y),
@@ -209,7 +223,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
 }
 
 /// Finds the camera at one of the rates.
-fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, u32)> {
+fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Clock, u32)> {
     let rates = match arguments.baud {
         Baud::Rate(rate) => vec![rate],
         Baud::Auto => RATES.to_vec(),
@@ -217,17 +231,21 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, u3
     // One that starts is silent for two seconds.
     for round in 0..2 {
         for &rate in &rates {
-            let port = Port::open(&arguments.port, rate, person.interrupted())?;
-            let retries = if round == 0 { 3 } else { 20 };
-            let policy = Policy {
-                retries,
-                ..Policy::default()
+            let port = arguments.open(rate, person)?;
+            let clock = port.clock();
+            let policy = if round == 0 {
+                Policy::default()
+            } else {
+                PATIENT
             };
-            let mut camera = Pixy2::with_policy(port, Sleep, policy);
+            let mut camera = Pixy2::with_policy(port, clock.clone(), policy);
             match camera.version_wait() {
-                Ok(_) => return Ok((camera, rate)),
+                Ok(_) => {
+                    let (port, delay) = camera.release();
+                    return Ok((Pixy2::with_policy(port, delay, PATIENT), clock, rate));
+                }
                 Err(Error::Camera(Fault::Silence | Fault::Garbled)) => {}
-                Err(error) => return Err(failed(&arguments.port, error)),
+                Err(error) => return Err(failed(arguments.line(), error)),
             }
         }
     }
@@ -235,7 +253,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, u3
     Err(anyhow!(
         "{}: no Pixy2 answers at {} baud: is its data port set to UART (PixyMon: Configure, \
          Interface, \"Data out port\"), and are TX and RX crossed?",
-        arguments.port,
+        arguments.line(),
         tried.join(", ")
     ))
 }

@@ -16,6 +16,11 @@ function put(list, key, item) {
   if (at >= 0) list[at] = item; else { list.push(item); list.sort((a, b) => a[key] - b[key]); }
 }
 
+// A list that was told by what was before: pieces of that, each from a place on and so many, and new items.
+function putTogether(before, pieces) {
+  return pieces.flatMap(piece => Array.isArray(piece) ? before.slice(piece[0], piece[0] + piece[1]) : [piece]);
+}
+
 // Takes an event over. Events are never changed: a state shares parts with them.
 function apply(state, event) {
   state.seconds = Math.max(state.seconds, event.seconds);
@@ -68,6 +73,14 @@ function apply(state, event) {
     }
     case 'truth': state.truths.set(`${event.network} ${event.object}`, event); break;
     case 'verdict': state.verdict = event; break;
+    case 'verdict_change': {
+      const before = state.verdict ?? {words: '', findings: [], walk_to: []};
+      state.verdict = {
+        ...event, words: putTogether(before.words.split('\n'), event.words).join('\n'),
+        findings: putTogether(before.findings, event.findings), walk_to: putTogether(before.walk_to, event.walk_to),
+      };
+      break;
+    }
     case 'end': state.ended = event; break;
   }
 }

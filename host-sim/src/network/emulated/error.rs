@@ -1,6 +1,6 @@
 //! What can be wrong with emulated boards.
 
-use std::{io, path::PathBuf, time::Duration};
+use std::{io, path::PathBuf};
 
 use node_firmware::config::page::PageError;
 
@@ -30,34 +30,12 @@ pub enum EmulatorError {
         /// Where the usual one would be.
         usual: &'static str,
     },
-    /// There is nothing that emulates chips.
+    /// This program was built without what emulates chips.
     #[error(
-        "there is no folder nrf52840-emulator here: emulated chips need the sources, so run this in \
-         their topmost folder"
+        "this host-sim was built without emulated chips, which take minutes to build: type `cargo run --release -p \
+         host-sim --features chip -- run ...`, in the topmost folder of the sources"
     )]
-    NoSource,
-    /// There is nothing that builds it.
-    #[error(
-        "the emulated nRF52840 cannot be built, for `cargo` cannot be started ({0}): install Rust, from rustup.rs, \
-         or put the folder of `cargo` into PATH"
-    )]
-    NoCargo(#[source] io::Error),
-    /// What emulates chips cannot be built.
-    #[error(
-        "the emulated nRF52840 cannot be built: what is wrong stands above, and comes again with \
-         `cargo build --release --bin chips` in nrf52840-emulator; its compiler comes with \
-         `rustup toolchain install 1.98.0`, where there is a network"
-    )]
-    NotBuilt,
-    /// What emulates chips was built, but is elsewhere.
-    #[error(
-        "the emulated nRF52840 was built, but is not in {}: does a configuration of cargo set \
-         `build.target`? Leave that out", .program.display()
-    )]
-    NotThere {
-        /// Where it should be.
-        program: PathBuf,
-    },
+    NotIncluded,
     /// GDB cannot connect.
     #[error(
         "port {port} of this computer is taken ({source}), perhaps by another run that waits for GDB: end that, or \
@@ -71,15 +49,9 @@ pub enum EmulatorError {
         /// Why not.
         source: io::Error,
     },
-    /// The process that emulates chips does not start, or has ended.
-    #[error("the process with the emulated chips has failed, which is a fault of it: {0}")]
-    Pipe(#[source] io::Error),
-    /// The process that emulates chips does not answer.
-    #[error(
-        "the emulated chips have said nothing for {} s, which is a fault of what emulates them: run it again \
-         with --log to see what came before", .0.as_secs()
-    )]
-    Hangs(Duration),
+    /// What emulates chips has panicked.
+    #[error("what emulates the chips has panicked, which is a fault of it: {0}")]
+    Panicked(String),
     /// A chip cannot be emulated.
     #[error("the chip of node {id} cannot be emulated: {why}")]
     Chip {

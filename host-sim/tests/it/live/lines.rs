@@ -28,15 +28,17 @@ async fn commands_reach_a_coordinator_on_a_line_and_come_back_confirmed() {
     let folder = TempDir::new().unwrap();
     let line = folder.path().join("line");
     let line = line.to_str().unwrap();
-    let _rehearsal = rehearsal("lab", "10x", &[line]);
-    let (_server, url) = live(&["--port", line]);
     let browser = Browser::start(1280).await;
+    let _rehearsal = rehearsal("lab", "2x", &[line]);
+    let (_server, url) = live(&["--port", line]);
     browser.client.goto(&url).await.unwrap();
     browser
         .until("return document.querySelectorAll('#checklist tr[data-camera]').length >= 6")
         .await;
+    // Before it has started, it refuses what it is told.
+    browser.until(&is_calibrated(1)).await;
     browser
-        .run("document.querySelector('[data-camera=\"3\"]').click()")
+        .run("document.querySelector('[data-camera=\"1\"]').click()")
         .await;
     let press = |name: &str| {
         format!(
@@ -74,7 +76,8 @@ fn the_console_writes_what_cameras_track_and_what_happens() {
     let folder = TempDir::new().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (line, events, tracked, json) = (path("line"), path("e"), path("tracked"), path("j"));
-    let _rehearsal = rehearsal("lab", "10x", &[&line]);
+    let _rehearsal = rehearsal("lab", "5x", &[&line]);
+    // Until the rehearsal is over.
     let console = host_sim(&[
         "console",
         "--port",
@@ -82,7 +85,7 @@ fn the_console_writes_what_cameras_track_and_what_happens() {
         "--site",
         "lab",
         "--seconds",
-        "15",
+        "600",
     ])
     .args(["--command", "1:track", "--command", "2:track"])
     .args(["--events", &events, "--tracked", &tracked, "--json", &json])
@@ -103,6 +106,14 @@ fn the_console_writes_what_cameras_track_and_what_happens() {
     assert!(rows.starts_with("seconds,mx,my,left,upper,right,lower,pixels,confidence\n"));
 }
 
+/// On the page, this camera has a pose.
+fn is_calibrated(camera: u16) -> String {
+    format!(
+        "const nodes = window.shown().record?.nodes ?? [];
+         return (nodes.find(node => node.id === {camera})?.estimate ?? null) !== null"
+    )
+}
+
 /// Presses what people press on the page.
 fn press(among: &str, name: &str) -> String {
     format!(
@@ -120,14 +131,15 @@ async fn the_coordinators_of_a_site_are_one_page() {
     let [site, first, second] = ["two.toml", "1.pty", "2.pty"].map(path);
     let two = "name = \"two\"\n[camera]\nfield_of_view_deg = 60.0\nrange = 8.0\n[grid]\nnodes = 8\ncell_nodes = 4\n";
     fs::write(&site, two).unwrap();
-    let _rehearsal = rehearsal(&site, "10x", &[&first, &second]);
-    let (_server, url) = live(&["--port", &second, "--port", &first, "--site", &site]);
     let browser = Browser::start(1280).await;
+    let _rehearsal = rehearsal(&site, "4x", &[&first, &second]);
+    let (_server, url) = live(&["--port", &second, "--port", &first, "--site", &site]);
     browser.client.goto(&url).await.unwrap();
     let all = "const record = window.shown().record;
         return record !== null && record.networks.length === 2
             && record.nodes.filter(node => node.role === 'camera' && node.address !== null).length === 8";
     browser.until(all).await;
+    browser.until(&is_calibrated(7)).await;
     // As the file has them.
     let networks = "return window.shown().record.nodes.filter(node => node.role === 'camera')
         .map(node => [node.id, node.network])";
@@ -181,9 +193,9 @@ async fn a_line_that_failed_is_opened_again() {
     let folder = TempDir::new().unwrap();
     let line = folder.path().join("line");
     let line = line.to_str().unwrap();
-    let first = rehearsal("lab", "10x", &[line]);
-    let (_server, url) = live(&["--port", line]);
     let browser = Browser::start(1280).await;
+    let first = rehearsal("lab", "2x", &[line]);
+    let (_server, url) = live(&["--port", line]);
     browser.client.goto(&url).await.unwrap();
     browser
         .until("return document.querySelectorAll('#checklist tr[data-camera]').length >= 6")
@@ -195,7 +207,7 @@ async fn a_line_that_failed_is_opened_again() {
     browser
         .until(&log(&format!("{line}: the line failed")))
         .await;
-    let _second = rehearsal("lab", "10x", &[line]);
+    let _second = rehearsal("lab", "2x", &[line]);
     browser.run(&press("#controls", "open")).await;
     browser.until(&log("join window 60 s: done")).await;
     browser.end().await;

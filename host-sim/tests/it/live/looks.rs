@@ -6,8 +6,6 @@ use std::{
     net::{SocketAddr, TcpStream},
     path::{Path, PathBuf},
     process::Stdio,
-    thread,
-    time::{Duration, Instant},
 };
 
 use answers::record::{
@@ -18,7 +16,8 @@ use fantoccini::wd::WebDriverCompatibleCommand;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use super::browser::{Browser, Running, host_sim, served};
+use super::browser::{Browser, HANGS, Running, host_sim, served};
+use crate::common::wait_until;
 
 /// The page's server, and the URL that it prints.
 pub(super) fn live(arguments: &[&str]) -> (Running, String) {
@@ -155,9 +154,7 @@ pub(super) fn ask(url: &str, request: &str) -> String {
         .parse()
         .unwrap();
     let mut stream = TcpStream::connect(address).unwrap();
-    stream
-        .set_read_timeout(Some(Duration::from_secs(20)))
-        .unwrap();
+    stream.set_read_timeout(Some(HANGS)).unwrap();
     stream.write_all(request.as_bytes()).unwrap();
     let mut answer = Vec::new();
     let mut bytes = [0; 512];
@@ -172,11 +169,7 @@ pub(super) fn ask(url: &str, request: &str) -> String {
 
 /// Waits for a file, such as the line of a coordinator.
 pub(super) fn await_file(path: &str) {
-    let begin = Instant::now();
-    while !Path::new(path).exists() {
-        assert!(begin.elapsed() < Duration::from_secs(60), "no {path}");
-        thread::sleep(Duration::from_millis(20));
-    }
+    wait_until(|| Path::new(path).exists());
 }
 
 /// A rehearsal whose coordinators are on lines of these names.
@@ -195,7 +188,7 @@ pub(super) fn events_until(url: &str, mut is_last: impl FnMut(&Event) -> bool) -
     let (origin, token) = url.split_once("/#").unwrap();
     let host = &origin["http://".len()..];
     let mut stream = TcpStream::connect(host).unwrap();
-    let timeout = Some(Duration::from_secs(120));
+    let timeout = Some(HANGS);
     stream.set_read_timeout(timeout).unwrap();
     let request = format!("GET /events?token={token} HTTP/1.1\r\nhost: {host}\r\n\r\n");
     stream.write_all(request.as_bytes()).unwrap();

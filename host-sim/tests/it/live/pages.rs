@@ -72,7 +72,7 @@ async fn a_simulation_shows_itself_in_every_tab_and_after_the_server_came_back()
 
 pub(super) async fn a_simulation_shows_itself(browser: Browser) {
     let folder = TempDir::new().unwrap();
-    let (record, ..) = lab(folder.path());
+    let (record, events, _) = lab(folder.path());
     let port = free_port().to_string();
     let arguments = ["lab", "--speed", "max", "--http-port", &port];
     let (server, url) = live(&arguments);
@@ -82,6 +82,19 @@ pub(super) async fn a_simulation_shows_itself(browser: Browser) {
         .until("return document.body.dataset.ended === 'true'")
         .await;
     shows(&browser, &record).await;
+    // It was told piece by piece, and is that of the end, word for word.
+    let verdict = events.iter().rev().find_map(|event| match &event.what {
+        What::Verdict {
+            words, findings, ..
+        } => Some(json!({ "words": words, "findings": findings })),
+        _ => None,
+    });
+    let shown =
+        "const {event, words, findings} = window.shown().verdict; return {event, words, findings}";
+    let mut shown = browser.run(shown).await;
+    let event = shown.as_object_mut().unwrap().remove("event");
+    assert_eq!(event, Some(json!("verdict_change")));
+    assert_eq!(Some(shown), verdict);
     browser.client.refresh().await.unwrap();
     browser
         .until("return document.body.dataset.ended === 'true'")

@@ -1,10 +1,10 @@
 //! A camera behind a port of the operating system.
 
-use std::{fs, process::Command, thread, time::Duration};
+use std::{fs, process::Command};
 
 use tempfile::TempDir;
 
-use crate::small::SMALL;
+use crate::{common::wait_until, small::SMALL};
 
 /// The node talks to it as far as it goes without a real one.
 #[test]
@@ -17,10 +17,10 @@ fn a_camera_on_a_port_takes_the_place_of_a_simulated_one() {
         .arg(&port)
         .spawn()
         .unwrap();
-    while !port.exists() {
-        thread::sleep(Duration::from_millis(20));
+    wait_until(|| {
         assert!(camera.try_wait().unwrap().is_none());
-    }
+        port.exists()
+    });
     let file = files.path().join("one.toml");
     fs::write(&file, SMALL).unwrap();
     let ended = Command::new(env!("CARGO_BIN_EXE_host-sim"))

@@ -3,19 +3,19 @@
 
 use std::{
     fs,
-    io::Read as _,
+    io::{ErrorKind, Read as _},
     os::unix::fs::symlink,
     path::Path,
     process::{Child, Command, Stdio},
+    sync::mpsc,
     thread,
-    time::{Duration, Instant},
 };
 
 use answers::record::RunRecord;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::sample::Sample;
-use crate::common::{Files, run};
+use crate::common::{Files, LineEnd, run, wait_until};
 
 const IS_READ: &str = "is read, and would be replaced by a result";
 
@@ -118,12 +118,17 @@ struct Work(Child);
 
 impl Work {
     fn new(arguments: &[&str]) -> Self {
+        Self::on(arguments, Stdio::piped())
+    }
+
+    /// It tells its errors there.
+    fn on(arguments: &[&str], stderr: Stdio) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
         command
             .args(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
+            .stderr(stderr);
         Self(command.spawn().unwrap())
     }
 
@@ -136,8 +141,9 @@ impl Work {
         let (mut stdout, mut stderr) = (String::new(), String::new());
         let out = self.0.stdout.as_mut().unwrap();
         out.read_to_string(&mut stdout).unwrap();
-        let err = self.0.stderr.as_mut().unwrap();
-        err.read_to_string(&mut stderr).unwrap();
+        if let Some(err) = self.0.stderr.as_mut() {
+            err.read_to_string(&mut stderr).unwrap();
+        }
         (self.0.wait().unwrap().code(), stdout, stderr)
     }
 }
@@ -150,13 +156,17 @@ impl Drop for Work {
     }
 }
 
-fn wait_for(what: impl Fn() -> bool) {
-    let begin = Instant::now();
-    while !what() {
-        assert!(begin.elapsed() < Duration::from_secs(120), "it never came");
-        thread::sleep(Duration::from_millis(10));
-    }
+/// The signals of a line of what Linux tells of a process.
+#[cfg(target_os = "linux")]
+fn signals(of: &Work, line: &str) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{}/status", of.0.id())).unwrap();
+    let mask = status.lines().find_map(|told| told.strip_prefix(line));
+    u64::from_str_radix(mask.unwrap().trim(), 16).unwrap()
 }
+
+/// In such a line.
+#[cfg(target_os = "linux")]
+const INTERRUPT: u64 = 1 << (Signal::INT.as_raw() - 1);
 
 fn length(file: &str) -> u64 {
     fs::metadata(Path::new(file)).map_or(0, |found| found.len())
@@ -172,7 +182,7 @@ fn who_is_interrupted_leaves_report_and_files() {
         ];
         let grid = ["run", "grid", "--nodes", "300", "--speed", "20x"];
         let work = Work::new(&[&grid[..], &outputs].concat());
-        wait_for(|| length(&log) > 10_000);
+        wait_until(|| length(&log) > 10_000);
         work.signal(signal);
         let (code, stdout, stderr) = work.end();
         assert_eq!(code, Some(130), "{stderr}");
@@ -219,11 +229,32 @@ fn a_sweep_that_is_interrupted_tells_of_the_runs_before() {
     let files = Files::new();
     let csv = files.path("sweep.csv");
     let sweep = ["sweep", "lab", "--seeds", "1..2000", "--jobs", "2"];
-    let work = Work::new(&[&sweep[..], &["--sweep-csv", &csv]].concat());
-    thread::sleep(Duration::from_secs(8));
+    let (mut screen, LineEnd(stderr), _) = LineEnd::pair();
+    let work = Work::on(
+        &[&sweep[..], &["--sweep-csv", &csv]].concat(),
+        stderr.into(),
+    );
+    // The bar tells of the first run that is done, and goes on.
+    let (tell, told) = mpsc::channel();
+    thread::spawn(move || {
+        let (mut shown, mut bytes) = (String::new(), [0; 4096]);
+        loop {
+            match screen.read(&mut bytes) {
+                Ok(count) => shown += &String::from_utf8_lossy(&bytes[..count]),
+                Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                Err(_) => break,
+            }
+            let mut counts = shown.split("run ").skip(1);
+            if counts.any(|text| text.starts_with(|first| ('1'..='9').contains(&first))) {
+                // The test may be over.
+                let _ = tell.send(());
+            }
+        }
+    });
+    told.recv().unwrap();
     work.signal(Signal::TERM);
-    let (code, stdout, stderr) = work.end();
-    assert_eq!(code, Some(130), "{stderr}");
+    let (code, stdout, _) = work.end();
+    assert_eq!(code, Some(130), "{stdout}");
     assert!(
         stdout.starts_with("NOT COMPLETE: interrupted after "),
         "{stdout}"
@@ -238,14 +269,15 @@ fn a_sweep_that_is_interrupted_tells_of_the_runs_before() {
 
 /// Time hardly passes in this run, so that it never sees the first one.
 #[test]
+#[cfg(target_os = "linux")]
 fn a_second_signal_ends_at_once() {
     let files = Files::new();
     let log = files.path("log");
     let work = Work::new(&["run", "lab", "--speed", "0.000001x", "--log", &log]);
-    // It must watch by then.
-    thread::sleep(Duration::from_secs(3));
+    // It watches by then, and has got the first one.
+    wait_until(|| length(&log) > 0 && signals(&work, "SigCgt:") & INTERRUPT != 0);
     work.signal(Signal::INT);
-    thread::sleep(Duration::from_millis(500));
+    wait_until(|| (signals(&work, "ShdPnd:") | signals(&work, "SigPnd:")) & INTERRUPT == 0);
     work.signal(Signal::INT);
     let (code, stdout, _) = work.end();
     assert_eq!((code, stdout.as_str()), (Some(130), ""));
@@ -259,7 +291,7 @@ fn who_is_killed_leaves_whole_lines_and_packets() {
         "run", "grid", "--nodes", "300", "--log", &log, "--pcap", &pcap,
     ];
     let work = Work::new(&grid);
-    wait_for(|| length(&log) > 100_000 && length(&pcap) > 10_000);
+    wait_until(|| length(&log) > 100_000 && length(&pcap) > 10_000);
     work.signal(Signal::KILL);
     assert_eq!(work.end().0, None);
     assert!(fs::read_to_string(&log).unwrap().ends_with('\n'));

@@ -6,15 +6,13 @@ use std::{
     path::Path,
     process::{Child, Command, Stdio},
     thread,
-    time::Duration,
 };
 
 use cmucam2_emulator::{Lens, Pose, Scene};
 use serde_json::Value;
-use serialport::{SerialPort, TTYPort};
 
 use super::film::{Shot, ffmpeg, lit_ball, room};
-use crate::common::{Files, run};
+use crate::common::{Files, LineEnd, run};
 
 const FIELD_OF_VIEW_DEG: f64 = 45.0;
 const POSE: Pose = Pose {
@@ -180,9 +178,7 @@ fn on_a_serial_port() {
         noise: 0,
     };
     shot.file(Path::new(&file), 2, |_| ball_at([4.0, 2.9]));
-    let (mut board, port) = TTYPort::pair().unwrap();
-    let name = port.name().unwrap();
-    board.set_timeout(Duration::from_secs(5)).unwrap();
+    let (LineEnd(mut board), _port, name) = LineEnd::pair();
     let arguments = ["--port", &name, "--baud", "38400", "--video", &file];
     let (_camera, told) = camera(&arguments, Stdio::null());
     assert!(

@@ -9,8 +9,8 @@ use calib_core::{
     Pose, Refusal, Status, angle,
     dead_reckoning::{Step, Systematic},
     joint::{
-        BearingStorage, Finding, JointError, JointEstimator, JointMemory, JointSettings,
-        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, workspace,
+        BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
+        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage,
     },
 };
 use nalgebra::{Matrix2, Point2, Vector2};
@@ -18,7 +18,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
-    limits::{WALK_BEARINGS, WALK_STOPS},
+    limits::{ESTIMATED_STOPS, WALK_BEARINGS},
     log::debug,
     message::{
         CameraState, Duty, MemberAddress, PoseParts, ProtectionLevel, Report, Seen, StopNumber,
@@ -34,7 +34,13 @@ use super::{
 /// Cameras that take part. What more there are finds its pose from its own sightings.
 pub const CAMERAS: usize = 24;
 /// Numbers that they are solved with.
-pub const WORKSPACE: usize = workspace(CAMERAS, 0);
+pub const WORKSPACE: usize = Capacity {
+    cameras: CAMERAS,
+    stops: ESTIMATED_STOPS,
+    bearings: WALK_BEARINGS,
+    marks: 0,
+}
+.workspace();
 
 /// What is done after each stop: what contradicts is left out, so much at most at a time; what the legs
 /// are worth is estimated, and what one wrong measurement could do.
@@ -73,7 +79,7 @@ pub struct EstimateMemory<'m> {
     /// Cameras, references included.
     pub cameras: &'m mut [UnknownStorage<f32>; CAMERAS],
     /// Stops.
-    pub stops: &'m mut [StopStorage<f32>; WALK_STOPS],
+    pub stops: &'m mut [StopStorage<f32>; ESTIMATED_STOPS],
     /// Bearings.
     pub bearings: &'m mut [BearingStorage<f32>; WALK_BEARINGS],
     /// Numbers.

@@ -3,7 +3,7 @@
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use node_firmware::{
     config::TargetConfig,
-    limits::{WALK_BEARINGS, WALK_STOPS},
+    limits::{ESTIMATED_STOPS, WALK_BEARINGS},
     role::moving_target::{CAMERAS, EstimateMemory, TargetRole, WORKSPACE},
 };
 
@@ -12,7 +12,7 @@ pub fn target_role(id: u16, config: TargetConfig, first_stop: u16) -> TargetRole
     let mut role = TargetRole::new(id, config, first_stop);
     role.estimate_in(EstimateMemory {
         cameras: Box::leak(Box::new([UnknownStorage::default(); CAMERAS])),
-        stops: Box::leak(Box::new([StopStorage::default(); WALK_STOPS])),
+        stops: Box::leak(Box::new([StopStorage::default(); ESTIMATED_STOPS])),
         bearings: Box::leak(Box::new([BearingStorage::default(); WALK_BEARINGS])),
         workspace: Box::leak(Box::new([0.0; WORKSPACE])),
         told: Box::leak(Box::new([None; CAMERAS])),

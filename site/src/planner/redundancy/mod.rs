@@ -181,7 +181,9 @@ impl Row {
     }
 
     fn entries(&self) -> impl Iterator<Item = (usize, f64)> + Clone + '_ {
-        self.at.into_iter().zip(self.by).take(self.count)
+        let count = self.count.min(self.at.len());
+        let at = self.at[..count].iter().copied();
+        at.zip(self.by[..count].iter().copied())
     }
 
     /// One entry of the covariance times this row.
@@ -189,6 +191,22 @@ impl Row {
         { self.entries() }
             .map(|(at, by)| covariance[(at, unknown)] * by)
             .sum()
+    }
+
+    /// The same of a row of it: faster where many measurements meet few unknowns.
+    fn along(&self, covariance: &[f64]) -> f64 {
+        self.entries().map(|(at, by)| covariance[at] * by).sum()
+    }
+
+    /// All of them.
+    fn times_all(&self, covariance: &Symmetric) -> Vec<f64> {
+        let mut sums = vec![-0.0; covariance.width()];
+        for (at, by) in self.entries() {
+            for (sum, number) in sums.iter_mut().zip(covariance.row(at)) {
+                *sum += number * by;
+            }
+        }
+        sums
     }
 
     /// The variance of what everything together foretells of it.
@@ -354,15 +372,17 @@ impl Redundancy {
             let column = Survey::camera_column(camera);
             let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
+            let own = [0, 1, 2].map(|n| self.covariance.row(column + n));
             for (row, size) in self.rows.iter().zip(&sizes) {
-                let [x, y, turn] =
-                    [0, 1, 2].map(|n| row.times(&self.covariance, column + n) * size);
-                for (worst, now) in [(&mut position, x.hypot(y)), (&mut heading, turn.abs())] {
+                let [x, y, turn] = own.map(|own| row.along(own) * size);
+                // Of the place the square: there are many rows, and roots take long.
+                for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
                     if now > worst.0 {
                         *worst = (now, Some(row.of));
                     }
                 }
             }
+            position.0 = f64::sqrt(position.0);
             let noise = RARE * (variance(0) + variance(1)).sqrt();
             let turned = RARE * variance(2).sqrt();
             // What turns it most matters where it turns it by more than it moves it, seen from afar.
@@ -425,9 +445,7 @@ impl Redundancy {
             };
             survey.looks.push(look);
             rows.push(row);
-            let gain: Vec<f64> = { 0..width + 2 }
-                .map(|unknown| row.times(&covariance, unknown))
-                .collect();
+            let gain = row.times_all(&covariance);
             let variance = 1.0 + row.leverage(&covariance);
             covariance.subtract(&gain, variance.recip());
         }

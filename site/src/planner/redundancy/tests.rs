@@ -1,6 +1,6 @@
 use calib_core::{
     Pose, angle,
-    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace},
+    joint::{Capacity, JointEstimator, JointMemory, JointSettings, Leg, Prior},
 };
 use nalgebra::{Matrix3, Point2, Vector2};
 use rand::{RngExt, SeedableRng};
@@ -79,13 +79,19 @@ fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
         standing: STANDING,
         ..JointSettings::default()
     };
+    let room = Capacity {
+        cameras: 6,
+        stops: survey.stops.len(),
+        bearings: survey.looks.len(),
+        marks: 0,
+    };
     let memory = JointMemory {
         cameras: &mut [Default::default(); 6],
         stops: &mut vec![Default::default(); survey.stops.len()],
         bearings: &mut vec![Default::default(); survey.looks.len()],
         marks: &mut [],
         visits: &mut [],
-        workspace: &mut [0.0; workspace(6, 0)],
+        workspace: &mut vec![0.0; room.workspace()],
     };
     let mut joint = JointEstimator::new(memory, 10.0, settings).unwrap();
     for (stop, place) in survey.stops.iter().enumerate() {

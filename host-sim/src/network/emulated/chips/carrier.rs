@@ -14,8 +14,9 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use calib_core::{angle::wrap_signed, dead_reckoning::Step};
-use chip_pipe::Motion;
 use virtual_bench::executor::Time;
+
+use super::outside::Motion;
 
 const SECOND: f64 = 1e9;
 const GRAVITY: f64 = 9.806_65;

@@ -1,9 +1,9 @@
 //! Nodes on emulated nRF52840s, which run the image that is flashed, in virtual time.
 //!
-//! The chips are in a process of their own, [`process`], for their crate needs a newer compiler. What is
-//! outside a board is here: the medium, cameras and consoles at the far end of lines, lamps. Each side
-//! goes on until it does something that the other one sees; [`Outside`] is where the executor waits for
-//! the chips. The same scenario goes the same way each time.
+//! What is outside a board is here: the medium, cameras and consoles at the far end of lines, lamps. The chips
+//! themselves are behind [`Emulator`]: those of the crate `nrf52840-emulator`, which only the feature `chip`
+//! builds. Each side goes on until it does something that the other one sees; [`Outside`] is where the executor
+//! waits for the chips. The same scenario goes the same way each time.
 //!
 //! A target's steps are made by a [`carrier`], whose motion the chips of its step sensor feel.
 //!
@@ -14,16 +14,21 @@
 //! were there.
 
 mod carrier;
+#[cfg(feature = "chip")]
+mod emulator;
+#[cfg(feature = "chip")]
 mod image;
-mod process;
+pub mod outside;
 mod wires;
 
 use std::{
+    any::Any,
     cell::{Cell, RefCell},
     collections::{BTreeMap, VecDeque},
-    fs,
     future::poll_fn,
+    mem,
     net::{Ipv4Addr, TcpListener},
+    panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
     rc::Rc,
     sync::{Arc, atomic::AtomicBool},
@@ -31,7 +36,6 @@ use std::{
 };
 
 use board_support::flash::NRF52840;
-use chip_pipe::{Contents, Deed, End, Frame, Motion, Order, Orders, Reception, Reports};
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
 use embedded_io_async::{Read, Write};
@@ -51,7 +55,10 @@ use virtual_bench::{
 };
 use zigbee_link::{radio::Channel, wire::Eui64};
 
-use self::{carrier::Carrier, process::Process};
+use self::{
+    carrier::Carrier,
+    outside::{Contents, Deed, Emulator, End, Frame, Motion, Order, Reception, Reports},
+};
 use super::{
     super::{Trouble, journal::SharedJournal},
     EmulatorError, Surroundings, memory,
@@ -81,38 +88,50 @@ const BUTTONS: [u32; 2] = [11, 12];
 /// How long somebody presses a button.
 const PRESSED: Time = 200_000_000;
 
-/// The process in which chips are emulated, and their program: checked, and ready to run.
-#[derive(Debug)]
-pub struct Chips(Process);
+/// Chips with their program, ready to run.
+pub struct Chips(Box<dyn Emulator>);
 
 impl Chips {
-    /// Chips that run this image. What emulates them is built, if it is not: `building` is called where that was
-    /// never done here, for it takes minutes.
+    /// Emulated nRF52840s that run this image.
     ///
     /// # Errors
-    /// The image is missing or none, or the process cannot be built or started.
-    pub fn of(image: &Path, building: impl FnOnce()) -> Result<Self, EmulatorError> {
+    /// The image is missing or none, or this program was built without them.
+    #[cfg(feature = "chip")]
+    pub fn of(image: &Path) -> Result<Self, EmulatorError> {
         let found = image.canonicalize().ok().filter(|image| image.is_file());
         let image = found.ok_or_else(|| EmulatorError::NoImage {
             image: image.to_owned(),
             usual: CHIP_IMAGE,
         })?;
-        if !fs::read(&image).is_ok_and(|bytes| image::is_ours(&bytes)) {
-            return Err(EmulatorError::NoProgram {
-                image,
-                usual: CHIP_IMAGE,
-            });
-        }
-        let mut process = Process::start(building)?;
-        process.order(&Orders::Load(image.to_string_lossy().into_owned()))?;
-        Ok(Self(process))
+        let bytes = std::fs::read(&image).ok();
+        let bytes = bytes.filter(|bytes| image::is_ours(bytes));
+        let chips = bytes.and_then(|bytes| emulator::Chips::new(image.clone(), &bytes));
+        let chips = chips.ok_or(EmulatorError::NoProgram {
+            image,
+            usual: CHIP_IMAGE,
+        })?;
+        Ok(Self::emulated_by(chips))
+    }
+
+    /// Emulated nRF52840s that run this image.
+    ///
+    /// # Errors
+    /// This program was built without them.
+    #[cfg(not(feature = "chip"))]
+    pub fn of(_: &Path) -> Result<Self, EmulatorError> {
+        Err(EmulatorError::NotIncluded)
+    }
+
+    /// Chips that something else stands for.
+    pub fn emulated_by(emulator: impl Emulator + 'static) -> Self {
+        Self(Box::new(emulator))
     }
 
     /// Whenever power comes to this node its first instruction waits for GDB, which connects to this port
     /// of this computer, until `end` is set. All others wait while GDB looks at it.
     ///
     /// # Errors
-    /// The port is taken, or the process has ended.
+    /// The port is taken.
     pub fn debug(
         &mut self,
         node: u16,
@@ -122,14 +141,22 @@ impl Chips {
         // Tried now: the chip does so once it has power.
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
         drop(listener.map_err(|source| EmulatorError::PortTaken { node, port, source })?);
-        self.0.wait_until(end);
-        self.0.order(&Orders::Debug(node.into(), port))
+        self.0.debug(node.into(), port, end);
+        Ok(())
     }
+}
+
+/// What a panic says.
+fn message(panic: &(dyn Any + Send)) -> String {
+    let text = { panic.downcast_ref::<String>().cloned() }
+        .or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
+    text.unwrap_or_else(|| "it does not say why".to_owned())
 }
 
 /// All chips of a simulation.
 pub(in crate::network) struct Pool {
-    process: RefCell<Process>,
+    /// Until it panics.
+    emulator: RefCell<Option<Box<dyn Emulator>>>,
     clock: Clock,
     medium: Medium,
     journal: SharedJournal,
@@ -167,7 +194,7 @@ impl Pool {
         trouble: Trouble,
     ) -> Rc<Self> {
         Rc::new(Self {
-            process: RefCell::new(chips.0),
+            emulator: RefCell::new(Some(chips.0)),
             clock,
             medium,
             journal,
@@ -226,7 +253,7 @@ impl Pool {
         if self.is_over.replace(true) {
             return;
         }
-        match self.process.borrow_mut().exchange(&Orders::End) {
+        match self.ask(|emulator| emulator.end()) {
             Ok(reports) => {
                 for (_, number, deed) in reports.deeds {
                     match (deed, self.of(number)) {
@@ -248,8 +275,7 @@ impl Pool {
         if self.is_over.get() {
             return false;
         }
-        let looked = self.process.borrow_mut().exchange(&Orders::Look);
-        match looked {
+        match self.ask(|emulator| emulator.look()) {
             Ok(reports) => self.take(reports),
             Err(error) => self.fail(error),
         }
@@ -300,11 +326,25 @@ impl Pool {
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
+    /// Has chips do something: what comes of it. A panic of what emulates them ends it, and nothing else.
+    fn ask(
+        &self,
+        what: impl FnOnce(&mut dyn Emulator) -> Reports,
+    ) -> Result<Reports, EmulatorError> {
+        let mut emulator = self.emulator.borrow_mut();
+        let Some(chips) = emulator.as_mut() else {
+            return Ok(Reports::default());
+        };
+        catch_unwind(AssertUnwindSafe(|| what(chips.as_mut()))).map_err(|panic| {
+            // It may wait for ever for what will not come any more.
+            mem::forget(emulator.take());
+            EmulatorError::Panicked(message(panic.as_ref()))
+        })
+    }
+
     fn run(&self, until: Time) -> Result<Reports, EmulatorError> {
         let orders = self.queue.orders.take();
-        self.process
-            .borrow_mut()
-            .exchange(&Orders::Run { orders, until })
+        self.ask(|emulator| emulator.run(orders, until))
     }
 
     fn happens(&self, number: u32, deed: Deed) {

@@ -1,6 +1,6 @@
 //! Whether the image uses the wires that the board has.
 
-use chip_pipe::Wires;
+use super::outside::Wires;
 
 /// Pins of the board (docs/hardware.md): to send and to receive, of the camera and of the console; data and clock
 /// of the step sensor's bus. Those of the second port are numbered from 32 on.

@@ -29,7 +29,7 @@ use super::{
 };
 use crate::{
     facts::{BEARINGS_PER_RECORD, Fact, FactKey, STOPS_PER_RECORD, WalkBearing, WalkLeg, WalkStop},
-    limits::{WALK_BEARINGS, WALK_STOPS},
+    limits::{ESTIMATED_STOPS, WALK_BEARINGS, WALK_STOPS},
     log::debug,
     message::{MemberAddress, StopNumber, matrix, triangle},
     role::Unsaved,
@@ -65,7 +65,7 @@ impl Estimate<'_> {
         if self.index(stop).is_some() {
             return false;
         }
-        if self.estimator.stops() >= WALK_STOPS {
+        if self.estimator.stops() >= ESTIMATED_STOPS {
             self.make_room(unsaved);
         }
         let is_used = |slot: &u8| self.estimator.tags().any(|tag| tag.slot == *slot);

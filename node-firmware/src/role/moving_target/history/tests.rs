@@ -17,7 +17,7 @@ use crate::{
 fn estimate() -> Estimate<'static> {
     let memory = EstimateMemory {
         cameras: Box::leak(Box::new([UnknownStorage::default(); CAMERAS])),
-        stops: Box::leak(Box::new([StopStorage::default(); WALK_STOPS])),
+        stops: Box::leak(Box::new([StopStorage::default(); ESTIMATED_STOPS])),
         bearings: Box::leak(Box::new([BearingStorage::default(); WALK_BEARINGS])),
         workspace: Box::leak(Box::new([0.0; WORKSPACE])),
         told: Box::leak(Box::new([None; CAMERAS])),
@@ -177,9 +177,9 @@ fn the_power_fails_at_any_write() {
             assert_eq!(legs, check(&estimate, stop));
             assert!(is_first || legs + unmeasured + 1 >= tags(&again).len());
         }
-        assert!(estimate.estimator.stops() <= WALK_STOPS);
+        assert!(estimate.estimator.stops() <= ESTIMATED_STOPS);
         assert!(estimate.estimator.bearings() <= WALK_BEARINGS);
-        let is_full = estimate.estimator.stops() == WALK_STOPS
+        let is_full = estimate.estimator.stops() == ESTIMATED_STOPS
             || estimate.estimator.bearings() + usize::from(cameras) > WALK_BEARINGS;
         assert!(is_full, "{seed}");
     }

@@ -1,27 +1,16 @@
-//! What a simulation and the emulated chips in another process tell each other.
+//! The two sides of a board: what happens to a chip, and what it does that is seen outside. What emulates chips
+//! is behind [`Emulator`].
 //!
-//! They take turns: the simulation writes [`Orders`] to the process's standard input, and waits for the
-//! [`Reports`] on its standard output. What crosses is what is outside a board: frames on the air, bytes
-//! on its line, the levels of its pins, power. Times are nanoseconds since the simulation began, chips are
-//! told by any number.
-//!
-//! Each message is its length, four bytes, the lowest first, and that many bytes of postcard. Both ends
-//! are built from one source, so there are no versions.
+//! Frames on the air, bytes on its line, the levels of its pins, and power. Times are nanoseconds since the
+//! simulation began; chips are told by any number.
 
-pub mod one_cpu;
-
-use std::io::{self, Read, Write};
-
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
-
-/// No message is longer: a chip's flash, several times.
-const LONGEST: u32 = 64 << 20;
+use std::sync::{Arc, atomic::AtomicBool};
 
 /// Contents of a chip's memory: an address, and what is there and behind it.
 pub type Contents = (u64, Vec<u8>);
 
 /// A frame on the air.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
     /// When its preamble begins.
     pub start: u64,
@@ -32,7 +21,7 @@ pub struct Frame {
 }
 
 /// What becomes of a frame at a receiver.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reception {
     /// Whose frame it is: any number that is no other sender's.
     pub from: u32,
@@ -49,7 +38,7 @@ pub struct Reception {
 }
 
 /// What acts on a step sensor from an instant on, along the axes printed on it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// When.
     pub at: u64,
@@ -62,7 +51,7 @@ pub struct Motion {
 }
 
 /// Something that happens to a chip.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Order {
     /// It has power from now on.
     On {
@@ -136,28 +125,27 @@ impl Order {
     }
 }
 
-/// What the chips are to do.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Orders {
-    /// First of all: the program of all chips, an ELF file.
-    Load(String),
-    /// Which chip waits for GDB whenever power comes, and at which port of this computer.
-    Debug(u32, u16),
-    /// What happens to which of them, and then until when they run.
-    Run {
-        /// In this order.
-        orders: Vec<(u32, Order)>,
-        /// They stop earlier where one of them does something that others see.
-        until: u64,
-    },
-    /// They tell what is in those flashes where that has changed since it was last told, and notice nothing.
-    Look,
-    /// All lose their power, and their ends are told.
-    End,
+/// Emulated chips, as the simulation sees them.
+///
+/// It takes turns with them: what happens to chips is ordered first, then they run.
+pub trait Emulator {
+    /// Whenever power comes to this chip its first instruction waits for GDB at this port of this computer,
+    /// until `end` is set.
+    fn debug(&mut self, chip: u32, port: u16, end: Arc<AtomicBool>);
+
+    /// These orders reach chips, in this order; then all run until an instant, or until one of them does something
+    /// that is seen outside.
+    fn run(&mut self, orders: Vec<(u32, Order)>, until: u64) -> Reports;
+
+    /// Tells what is in those flashes where that has changed since it was last told. The chips notice nothing.
+    fn look(&mut self) -> Reports;
+
+    /// All chips lose their power: tells how each of them ended.
+    fn end(&mut self) -> Reports;
 }
 
 /// Something that a chip does.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Deed {
     /// It sends a frame, with this power, dBm. It is told before it begins.
     Sends(Frame, i8),
@@ -189,7 +177,7 @@ pub enum Deed {
 }
 
 /// Over which wires bytes go, and how fast.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wires {
     /// Numbers of pins, those of the second port from 32 on; [`NOT_CONNECTED`](Self::NOT_CONNECTED) or above: none.
     pub pins: [u32; 2],
@@ -203,7 +191,7 @@ impl Wires {
 }
 
 /// What is known of a chip in the end, of all times that it had power.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct End {
     /// What programs write in its flash, as it was last.
     pub memory: Vec<Contents>,
@@ -223,9 +211,10 @@ pub struct End {
     pub instructions: u64,
 }
 
+#[cfg(any(feature = "chip", test))]
 impl End {
     /// It has had power once more.
-    pub fn add(&mut self, later: Self) {
+    pub(super) fn add(&mut self, later: Self) {
         let Self {
             memory,
             forbidden,
@@ -261,7 +250,7 @@ impl End {
 }
 
 /// What the chips did.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reports {
     /// Until when they ran.
     pub reached: u64,
@@ -271,78 +260,9 @@ pub struct Reports {
     pub deeds: Vec<(u64, u32, Deed)>,
 }
 
-/// Writes a message.
-///
-/// # Errors
-/// The pipe's, or the message is too long.
-pub fn write(pipe: &mut impl Write, message: &impl Serialize) -> io::Result<()> {
-    let bytes = postcard::to_extend(message, Vec::new()).map_err(io::Error::other)?;
-    let length = u32::try_from(bytes.len()).ok();
-    let length = length.filter(|length| *length <= LONGEST);
-    let length = length.ok_or_else(|| io::Error::other("a message is too long"))?;
-    pipe.write_all(&[&length.to_le_bytes(), bytes.as_slice()].concat())?;
-    pipe.flush()
-}
-
-/// Reads a message; none where the pipe has ended between two of them.
-///
-/// # Errors
-/// The pipe's, or what comes is no such message.
-pub fn read<T: DeserializeOwned>(pipe: &mut impl Read) -> io::Result<Option<T>> {
-    let mut length = [0; 4];
-    match pipe.read(&mut length[..1])? {
-        0 => return Ok(None),
-        _ => pipe.read_exact(&mut length[1..])?,
-    }
-    let length = u32::from_le_bytes(length);
-    if length > LONGEST {
-        return Err(io::ErrorKind::InvalidData.into());
-    }
-    let mut bytes = vec![0; length as usize];
-    pipe.read_exact(&mut bytes)?;
-    let message = postcard::from_bytes(&bytes);
-    message
-        .map(Some)
-        .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn messages_come_as_they_went() {
-        let frame = Frame {
-            start: 1 << 40,
-            channel: 15,
-            psdu: vec![1, 2, 3],
-        };
-        let reception = Reception {
-            from: 3,
-            level: -60,
-            is_lost: true,
-            is_faint: false,
-            stands_out: true,
-            spoils: vec![7, 1],
-        };
-        let sent = [
-            Orders::Load("image.elf".into()),
-            Orders::Run {
-                orders: vec![(7, Order::Frame(frame, reception)), (8, Order::Off)],
-                until: 5,
-            },
-            Orders::End,
-        ];
-        let mut pipe = Vec::new();
-        for orders in &sent {
-            write(&mut pipe, orders).unwrap();
-        }
-        let mut rest = pipe.as_slice();
-        for orders in sent {
-            assert_eq!(read(&mut rest).unwrap(), Some(orders));
-        }
-        assert_eq!(read::<Orders>(&mut rest).unwrap(), None);
-    }
 
     /// What is forbidden is known for good, also if it was done before a loss of power; each of it once.
     #[test]
@@ -368,16 +288,5 @@ mod tests {
             ..end(2, &["a", "b"], 12)
         };
         assert_eq!(all, expected);
-    }
-
-    #[test]
-    fn what_is_cut_off_or_too_long_is_refused() {
-        let mut pipe = Vec::new();
-        write(&mut pipe, &Orders::Load("image.elf".into())).unwrap();
-        for end in 1..pipe.len() {
-            assert!(read::<Orders>(&mut &pipe[..end]).is_err(), "{end}");
-        }
-        assert!(read::<Orders>(&mut [0xff; 8].as_slice()).is_err());
-        assert!(read::<Orders>(&mut [1, 0, 0, 0, 0xff].as_slice()).is_err());
     }
 }

@@ -2,8 +2,8 @@
 
 mod buttons;
 mod debugging;
+mod drift;
 mod faults;
-mod process;
 
 use std::{
     collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,
@@ -93,16 +93,16 @@ impl Rehearsal {
     }
 
     /// A target with its sensors, in a world.
-    fn target_in(&self, world: Arc<dyn World>) -> Node {
+    fn target_in(&self, world: &Arc<dyn World>) -> Node {
         Node {
-            chips: device::step_sensor(&world, 1),
+            chips: device::step_sensor(world, 1),
             ..node(&self.configs.targets[0])
         }
     }
 
     /// A target that lies there.
     fn target(&self) -> Node {
-        self.target_in(Arc::new(Motion::default()))
+        self.target_in(&(Arc::new(Motion::default()) as Arc<dyn World>))
     }
 
     /// The coordinator, the cameras, and the target.
@@ -542,7 +542,7 @@ fn a_target_counts_its_carriers_steps() {
         walker.act(&[Act::Stand(12.0), Act::Walk(steps, 0.0), Act::Stand(12.0)]);
         let world = Worn::by(&walker);
         let ends = world.ends();
-        let target = lab.target_in(Arc::new(world));
+        let target = lab.target_in(&(Arc::new(world) as Arc<dyn World>));
         let (outcomes, _) = run(vec![lab.coordinator(), target], ends, everybody).unwrap();
         outcomes.iter().for_each(in_order);
         let facts = facts(&outcomes[1], lab.configs.targets[0].owner());

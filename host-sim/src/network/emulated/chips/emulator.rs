@@ -1,28 +1,24 @@
-//! Emulated nRF52840s for a simulation in another process, which is at both ends of a pipe: orders come
-//! from standard input, reports go to standard output. See `chip_pipe`.
+//! Chips of the crate `nrf52840-emulator` for a simulation.
 
 use std::{
     collections::BTreeMap,
-    error::Error,
-    fs,
-    io::{self, BufReader, BufWriter, StdinLock, StdoutLock},
     net::{Ipv4Addr, TcpListener},
     path::PathBuf,
-    process,
-    sync::Arc,
-    thread,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
-use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports, read, write};
-use defmt_decoder::{DecodeError, StreamDecoder, Table};
+use defmt_decoder::{DecodeError, Encoding, Table};
 use nrf52840_emulator::{
     self as emulator, Input, Network, Node, Outcome, Time,
-    device::{self, Motion, Samples, World},
+    device::{self, Samples, World},
     peripheral::{self, Arrival, Wire},
 };
-use rustix::{
-    event::{PollFd, PollFlags, poll},
-    io::Errno,
+
+use super::outside::{
+    Contents, Deed, Emulator, End, Frame, Motion, Order, Reception, Reports, Wires,
 };
 
 /// Sensitivity of the scale of levels, dBm (Product Specification, "RADIO", `ED_RSSIOFFS`), and its end.
@@ -33,92 +29,48 @@ const STRONGEST: i16 = 63;
 const SPACING: u32 = 5;
 const BELOW: u32 = 10;
 
-type Result<T> = core::result::Result<T, Box<dyn Error>>;
-
-fn main() -> Result<()> {
-    let mut pipe = Pipe {
-        orders: BufReader::new(io::stdin().lock()),
-        reports: BufWriter::new(io::stdout().lock()),
-    };
-    let image = match read(&mut pipe.orders)? {
-        Some(Orders::Load(image)) => PathBuf::from(image),
-        Some(_) => return Err("there is no program yet".into()),
-        None => return Ok(()),
-    };
-    // A chip may wait for GDB for ever.
-    thread::spawn(|| {
-        while !is_alone() {}
-        process::exit(0);
-    });
-    let elf = fs::read(&image)?;
-    let table = Table::parse(&elf)?.ok_or("the program logs nothing")?;
-    let mut chips = Chips {
-        image,
-        table: &table,
-        network: Network::default(),
-        all: BTreeMap::new(),
-        left: Vec::new(),
-        debugged: None,
-    };
-    while let Some(orders) = read(&mut pipe.orders)? {
-        let reports = match orders {
-            Orders::Run { orders, until } => {
-                for (number, order) in orders {
-                    chips.obey(number, order);
-                }
-                chips.run(until)
-            }
-            Orders::Look => chips.look(),
-            Orders::End => chips.end(),
-            Orders::Debug(number, port) => {
-                chips.debugged = Some((number, port));
-                continue;
-            }
-            Orders::Load(_) => return Err("there is a program already".into()),
-        };
-        write(&mut pipe.reports, &reports)?;
-    }
-    Ok(())
-}
-
-/// Waits until the simulation has ended; false where a signal has come before that.
-fn is_alone() -> bool {
-    let stdin = io::stdin();
-    // What comes to be read is for others: only the end of it is waited for.
-    let mut pipe = [PollFd::new(&stdin, PollFlags::empty())];
-    poll(&mut pipe, None) != Err(Errno::INTR)
-}
-
-/// To the simulation and from it.
-struct Pipe {
-    orders: BufReader<StdinLock<'static>>,
-    reports: BufWriter<StdoutLock<'static>>,
-}
-
 /// A chip, with power or without.
-struct Chip<'a> {
+#[derive(Default)]
+struct Chip {
     /// What its flash held when its power went, and what else was known then.
     flash: Vec<Contents>,
     end: End,
-    log: Box<dyn StreamDecoder + Send + Sync + 'a>,
+    /// What it has said of its next line of the log.
+    log: Vec<u8>,
     /// What its clocks show, and what its step sensor feels by them.
     time: Time,
     world: Arc<Samples>,
     is_worn: bool,
 }
 
-struct Chips<'a> {
+/// All chips of a simulation.
+pub(super) struct Chips {
     image: PathBuf,
-    table: &'a Table,
+    /// What makes text of what the program logs.
+    table: Arc<Table>,
     network: Network,
-    all: BTreeMap<u32, Chip<'a>>,
+    all: BTreeMap<u32, Chip>,
     /// What those leave whose power has just gone.
     left: Vec<(u64, u32, Deed)>,
-    /// Which of them waits for GDB, and at which port.
-    debugged: Option<(u32, u16)>,
+    /// Which of them waits for GDB, at which port, and until when.
+    debugged: Option<(u32, u16, Arc<AtomicBool>)>,
 }
 
-impl<'a> Chips<'a> {
+impl Chips {
+    /// Chips with this program, of which these are the bytes; none if what it logs cannot be read.
+    pub(super) fn new(image: PathBuf, bytes: &[u8]) -> Option<Self> {
+        let table = Table::parse(bytes).ok().flatten();
+        let table = table.filter(|table| table.encoding() == Encoding::Rzcobs)?;
+        Some(Self {
+            image,
+            table: Arc::new(table),
+            network: Network::default(),
+            all: BTreeMap::new(),
+            left: Vec::new(),
+            debugged: None,
+        })
+    }
+
     fn obey(&mut self, number: u32, order: Order) {
         let index = number as usize;
         match order {
@@ -129,10 +81,8 @@ impl<'a> Chips<'a> {
                 has_sensor,
                 programmed,
             } => {
-                let table = self.table;
-                let chip = { self.all.entry(number) }
-                    .or_insert_with(|| Chip::new(table.new_stream_decoder()));
-                chip.log = table.new_stream_decoder();
+                let chip = self.all.entry(number).or_default();
+                chip.log.clear();
                 chip.time = Time {
                     since: self.network.reached().max(at),
                     drift_ppb,
@@ -144,9 +94,10 @@ impl<'a> Chips<'a> {
                 for (address, bytes) in programmed {
                     program(&mut flash, address, &bytes);
                 }
-                let debugged = self.debugged.filter(|(chip, _)| *chip == number);
+                let debugged = self.debugged.as_ref();
+                let debugged = debugged.filter(|(chip, ..)| *chip == number);
                 let debugger = debugged
-                    .map(|(_, port)| TcpListener::bind((Ipv4Addr::LOCALHOST, port)))
+                    .map(|(_, port, _)| TcpListener::bind((Ipv4Addr::LOCALHOST, *port)))
                     .transpose();
                 let debugger = match debugger {
                     Ok(debugger) => debugger,
@@ -160,6 +111,7 @@ impl<'a> Chips<'a> {
                     image: self.image.clone(),
                     flash,
                     debugger,
+                    end: debugged.map(|(.., end)| end.clone()),
                     peer: Some(Box::new(Wire::default())),
                     chips: sensor.unwrap_or_default(),
                     seed,
@@ -255,7 +207,22 @@ impl<'a> Chips<'a> {
         }
     }
 
-    fn run(&mut self, until: u64) -> Reports {
+    /// It waits for GDB no longer, and goes on no more.
+    fn is_given_up(&self, number: u32) -> bool {
+        let debugged = self.debugged.as_ref();
+        debugged.is_some_and(|(chip, _, end)| *chip == number && end.load(Ordering::Relaxed))
+    }
+}
+
+impl Emulator for Chips {
+    fn debug(&mut self, chip: u32, port: u16, end: Arc<AtomicBool>) {
+        self.debugged = Some((chip, port, end));
+    }
+
+    fn run(&mut self, orders: Vec<(u32, Order)>, until: u64) -> Reports {
+        for (number, order) in orders {
+            self.obey(number, order);
+        }
         let mut deeds = core::mem::take(&mut self.left);
         for (at, index, deed) in self.network.run(until) {
             let number = index as u32;
@@ -276,12 +243,15 @@ impl<'a> Chips<'a> {
                 emulator::Deed::Bytes(bytes) => Deed::Bytes(bytes),
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
                 emulator::Deed::Writes(takes) => Deed::Writes(takes),
-                emulator::Deed::Uart(wires) => Deed::Uart(wires),
-                emulator::Deed::I2c(wires) => Deed::I2c(wires),
+                emulator::Deed::Uart(wires) => Deed::Uart(seen(wires)),
+                emulator::Deed::I2c(wires) => Deed::I2c(seen(wires)),
                 emulator::Deed::Reset(by, has_settings) => Deed::Restarts { by, has_settings },
+                // It was to.
+                emulator::Deed::Fails(_) if self.is_given_up(number) => continue,
                 emulator::Deed::Fails(why) => Deed::Fails(why),
                 emulator::Deed::Log(bytes) => {
-                    let lines = self.all.get_mut(&number).map(|chip| chip.lines(&bytes));
+                    let chip = self.all.get_mut(&number);
+                    let lines = chip.map(|chip| chip.lines(&bytes, &self.table));
                     let lines = lines.into_iter().flatten();
                     deeds.extend(lines.map(|line| (at, number, Deed::Logs(line))));
                     continue;
@@ -337,29 +307,20 @@ fn frequency(channel: u8) -> u32 {
     u32::from(channel).saturating_sub(BELOW) * SPACING
 }
 
-impl<'a> Chip<'a> {
-    /// A blank one.
-    fn new(log: Box<dyn StreamDecoder + Send + Sync + 'a>) -> Self {
-        Self {
-            flash: Vec::new(),
-            end: End::default(),
-            log,
-            time: Time::default(),
-            world: Arc::default(),
-            is_worn: false,
-        }
-    }
-
+impl Chip {
     /// Its power has gone.
     fn ends(&mut self, outcome: Outcome) {
-        self.flash.clone_from(&outcome.flash);
+        // Nothing is known of one that was given up.
+        if !outcome.flash.is_empty() {
+            self.flash.clone_from(&outcome.flash);
+        }
         self.end.add(end(outcome));
     }
 
     /// Its step sensor moves: the bus asks for that by the chip's own clock.
-    fn moves(&self, motions: &[chip_pipe::Motion]) {
+    fn moves(&self, motions: &[Motion]) {
         for motion in motions {
-            let known = Motion {
+            let known = device::Motion {
                 acceleration: motion.acceleration,
                 angular_rate: motion.angular_rate,
                 field: motion.field,
@@ -381,11 +342,18 @@ impl<'a> Chip<'a> {
     }
 
     /// What the bytes complete of its log.
-    fn lines(&mut self, bytes: &[u8]) -> Vec<String> {
-        self.log.received(bytes);
+    fn lines(&mut self, bytes: &[u8], table: &Table) -> Vec<String> {
+        self.log.extend(bytes);
+        // Each line ends with the only zero in it.
+        let Some(end) = self.log.iter().rposition(|byte| *byte == 0) else {
+            return Vec::new();
+        };
+        let mut decoder = table.new_stream_decoder();
+        decoder.received(&self.log[..=end]);
+        self.log.drain(..=end);
         let mut lines = Vec::new();
         loop {
-            match self.log.decode() {
+            match decoder.decode() {
                 Ok(frame) => {
                     let level = frame.level().map_or("", |level| level.as_str());
                     let text = format!("{level} {}", frame.display_message());
@@ -397,6 +365,11 @@ impl<'a> Chip<'a> {
             }
         }
     }
+}
+
+fn seen(wires: emulator::Wires) -> Wires {
+    let emulator::Wires { pins, rate } = wires;
+    Wires { pins, rate }
 }
 
 /// Puts bytes where they belong; where nothing is known yet, the flash is blank.
@@ -433,18 +406,6 @@ fn end(outcome: Outcome) -> End {
 mod tests {
     use super::*;
 
-    /// A log without an encoding of its own.
-    #[derive(Debug)]
-    struct Silent;
-
-    impl StreamDecoder for Silent {
-        fn received(&mut self, _: &[u8]) {}
-
-        fn decode(&mut self) -> std::result::Result<defmt_decoder::Frame<'_>, DecodeError> {
-            Err(DecodeError::UnexpectedEof)
-        }
-    }
-
     /// After hours, too, a carrier's motion begins when it is told, and not when a clock that is wrong shows that time.
     #[test]
     fn motion_is_felt_when_it_begins() {
@@ -456,9 +417,9 @@ mod tests {
             };
             let chip = Chip {
                 time,
-                ..Chip::new(Box::new(Silent))
+                ..Chip::default()
             };
-            let motion = chip_pipe::Motion {
+            let motion = Motion {
                 at: hour,
                 acceleration: [0.0; 3],
                 angular_rate: [1.0, 0.0, 0.0],

@@ -1,0 +1,760 @@
+//! One pass: the measurements around the present estimates, as normal equations of what is kept.
+//!
+//! No measurement ties two cameras to each other, so each camera's block of unknowns is eliminated by itself.
+//! Its rows `[j | J]`, of its own unknowns and of places, are rotated into a small triangle `R`; with
+//! `q = R^-T j` the rows' part that the camera does not explain is `(1 - Q Q^T) J`, and its square what the
+//! camera tells about places. In these products nothing large cancels: the camera's own square is never
+//! formed. What is kept is as large as the walk, not as the network.
+//!
+//! Legs are not rows of these equations: they are their unknowns. Instead of the place of a stop, by how much
+//! the leg to it errs is solved for, in its sigmas: `y = P (step of the place - step of the one before) + B
+//! (step of the carrier)`. What a leg says is then the identity, however much more it knows than the cameras
+//! do, and single precision loses nothing of what these add to it. Places come back by adding up.
+
+use nalgebra::Vector2;
+
+use super::{
+    Undetermined,
+    kept::{Kept, dot, packed},
+    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told, Unknown},
+    triangle::{self, Triangle},
+};
+use crate::{Real, numerics::real::lit};
+
+/// Numbers of a sight's line beside its part of the camera's block.
+const LINE: usize = 3;
+/// A direction that is not determined moves what it moves by more than this share of what it moves most.
+const MOVES: f64 = 1e-3;
+/// A sight of which a camera explains more than this share is one that nearly it alone tells.
+const DOMINANT: f64 = 0.99;
+/// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
+const TAIL: usize = 32;
+
+/// Returns the largest magnitude, zero of none.
+fn largest<T: Real>(numbers: impl Iterator<Item = T>) -> T {
+    numbers.fold(T::zero(), |most, number| most.max(number.abs()))
+}
+
+/// How large everything is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    pub cameras: usize,
+    pub sights: usize,
+    /// Unknowns that are kept.
+    pub kept: usize,
+    /// Unknowns of a camera.
+    pub block: usize,
+}
+
+impl Layout {
+    pub(super) const fn new(
+        cameras: usize,
+        stops: usize,
+        sights: usize,
+        marks: usize,
+        block: usize,
+    ) -> Self {
+        Self {
+            cameras,
+            sights,
+            kept: STOPS + 2 * (stops + marks),
+            block,
+        }
+    }
+
+    /// The same where nothing is kept.
+    pub(super) const fn without_kept(self) -> Self {
+        Self { kept: 0, ..self }
+    }
+
+    /// Numbers of the workspace.
+    pub(super) const fn workspace(&self) -> usize {
+        let tail = if self.sights < TAIL {
+            self.sights
+        } else {
+            TAIL
+        };
+        packed(self.kept)
+            + self.vectors() * self.kept
+            + self.sights * (LINE + self.block)
+            + self.cameras * triangle::packed(self.block + 1)
+            + packed(tail)
+    }
+
+    const fn vectors(&self) -> usize {
+        self.block + 2
+    }
+}
+
+/// The workspace.
+pub(super) struct Parts<'a, T> {
+    /// Of what is kept: the equations, their factor or its covariance.
+    pub kept: Kept<'a, T>,
+    /// Vectors as long as that.
+    pub vectors: &'a mut [T],
+    pub lines: Lines<'a, T>,
+    pub blocks: Blocks<'a, T>,
+    /// What is left.
+    pub rest: &'a mut [T],
+}
+
+/// A row for each sight: by the place, then the residual, or the leverage once covariances are told, then `q`.
+pub(super) struct Lines<'a, T> {
+    numbers: &'a mut [T],
+    length: usize,
+}
+
+/// The triangle of each camera.
+pub(super) struct Blocks<'a, T> {
+    numbers: &'a mut [T],
+    length: usize,
+}
+
+/// A sight's line.
+pub(super) struct Line<'a, T: Real> {
+    pub by_place: Vector2<T>,
+    /// Residual, or leverage.
+    pub number: T,
+    /// Its row's part of the camera's unknowns, in units of what all rows together say.
+    pub q: &'a [T],
+}
+
+impl<'a, T: Real> Parts<'a, T> {
+    fn new(numbers: &'a mut [T], layout: &Layout) -> Option<Self> {
+        let (kept, rest) = numbers.split_at_mut_checked(packed(layout.kept))?;
+        let (vectors, rest) = rest.split_at_mut_checked(layout.vectors() * layout.kept)?;
+        let length = LINE + layout.block;
+        let (lines, rest) = rest.split_at_mut_checked(layout.sights * length)?;
+        let triangle = triangle::packed(layout.block + 1);
+        let (blocks, rest) = rest.split_at_mut_checked(layout.cameras * triangle)?;
+        Some(Self {
+            kept: Kept::new(kept, layout.kept)?,
+            vectors,
+            lines: Lines {
+                numbers: lines,
+                length,
+            },
+            blocks: Blocks {
+                numbers: blocks,
+                length: triangle,
+            },
+            rest,
+        })
+    }
+}
+
+impl<T: Real> Lines<'_, T> {
+    #[inline]
+    pub(super) fn get(&self, n: usize) -> Option<Line<'_, T>> {
+        let line = self.numbers.get(n * self.length..(n + 1) * self.length)?;
+        let ([x, y, number], q) = line.split_first_chunk()?;
+        Some(Line {
+            by_place: Vector2::new(*x, *y),
+            number: *number,
+            q,
+        })
+    }
+
+    fn get_mut(&mut self, n: usize) -> Option<(&mut [T; LINE], &mut [T])> {
+        let line = n * self.length..(n + 1) * self.length;
+        self.numbers.get_mut(line)?.split_first_chunk_mut()
+    }
+
+    pub(super) fn q_mut(&mut self, n: usize) -> Option<&mut [T]> {
+        self.get_mut(n).map(|(_, q)| q)
+    }
+
+    pub(super) fn set_number(&mut self, n: usize, to: T) {
+        if let Some(([_, _, number], _)) = self.get_mut(n) {
+            *number = to;
+        }
+    }
+}
+
+impl<T: Real> Blocks<'_, T> {
+    /// The triangle of a camera with so many unknowns.
+    pub(super) fn get(&mut self, camera: usize, unknowns: usize) -> Option<Triangle<'_, T>> {
+        let begin = camera * self.length;
+        let numbers = self.numbers.get_mut(begin..begin + self.length)?;
+        Triangle::new(numbers, unknowns + 1)
+    }
+}
+
+/// First of the two unknowns of a stop.
+pub(super) const fn of_stop(stop: u16) -> usize {
+    STOPS + 2 * stop as usize
+}
+
+/// A step of a stop's place as one of the leg there, and back.
+#[derive(Clone, Copy)]
+struct Way<T> {
+    /// Inverse of the derivatives by the place, by rows.
+    inverse: [[T; 2]; 2],
+    /// That times the derivatives by the carrier.
+    by_carrier: [[T; 2]; 2],
+}
+
+impl<T: Real> Way<T> {
+    /// Of the entries by the carrier, by the place before and by the place, those by the carrier, by the place
+    /// before, as all later ones move with it, and by the leg's error.
+    fn leave_places(&self, [c1, c2, x, y, u1, u2]: &mut [T; 6]) {
+        let ([[a, b], [c, d]], [[e, f], [g, h]]) = (self.inverse, self.by_carrier);
+        let (v1, v2) = (*u1, *u2);
+        *c1 -= e * v1 + g * v2;
+        *c2 -= f * v1 + h * v2;
+        *x += v1;
+        *y += v2;
+        *u1 = a * v1 + c * v2;
+        *u2 = b * v1 + d * v2;
+    }
+
+    /// The place's step from the leg's error, and those of the carrier and of the place before.
+    fn find_place(&self, [c1, c2, x, y, u1, u2]: &mut [T; 6]) {
+        let ([[a, b], [c, d]], [[e, f], [g, h]]) = (self.inverse, self.by_carrier);
+        let (v1, v2) = (*u1, *u2);
+        *u1 = *x + a * v1 + b * v2 - e * *c1 - f * *c2;
+        *u2 = *y + c * v1 + d * v2 - g * *c1 - h * *c2;
+    }
+}
+
+impl<T: Real> Problem<'_, T> {
+    pub(super) fn layout(&self) -> Layout {
+        let layout = Layout::new(
+            self.cameras.len(),
+            self.stops.len(),
+            self.sights.len(),
+            self.marks.len(),
+            self.last_axis(),
+        );
+        if self.common.is_whole() {
+            layout.without_kept()
+        } else {
+            layout
+        }
+    }
+
+    /// With the workspace taken out, so that rows can be made while it is written.
+    pub(super) fn with_parts<R>(
+        &mut self,
+        work: impl FnOnce(&mut Self, Parts<'_, T>) -> Option<R>,
+    ) -> Option<R> {
+        let layout = self.layout();
+        let numbers = core::mem::take(&mut self.workspace);
+        let done = Parts::new(numbers, &layout).and_then(|parts| work(self, parts));
+        self.workspace = numbers;
+        done
+    }
+
+    /// The equations around the present estimates: chi squared there.
+    #[inline(never)] // for less flash
+    pub(super) fn assemble(&mut self) -> Option<T> {
+        if self.common.is_whole() {
+            return self.assemble_whole();
+        }
+        self.common.told = Told::Equations;
+        self.with_parts(|problem, mut parts| {
+            let kept = problem.layout().kept;
+            parts.kept.clear();
+            parts.vectors.get_mut(..kept)?.fill(T::zero());
+            let mut cost = T::zero();
+            for camera in 0..problem.cameras.len() {
+                if problem.is_estimated(camera) {
+                    cost += problem.eliminate(camera, &mut parts)?;
+                }
+            }
+            Some(cost + problem.add_visits(&mut parts)? + problem.add_legs(&mut parts)?)
+        })
+    }
+
+    /// What a camera says about places when it is eliminated; chi squared of what it saw.
+    fn eliminate(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<T> {
+        let unknowns = self.axes(camera).len();
+        let mut triangle = parts.blocks.get(camera, unknowns)?;
+        let cost = self.enter(camera, &mut triangle, &mut parts.lines)?;
+        let mut right = [T::zero(); BLOCK];
+        let right = right.get_mut(..unknowns)?;
+        triangle.right_side(right);
+        let mut is_dominated = false;
+        for (n, _) in self.own(camera) {
+            let ([_, _, residual], q) = parts.lines.get_mut(n)?;
+            triangle.reduce(q.get_mut(..unknowns)?);
+            *residual += short_dot(q, right);
+            is_dominated |= short_dot(q, q) > lit(DOMINANT);
+        }
+        if is_dominated {
+            self.add_rows(camera, parts)?;
+        } else {
+            self.add_pairs(camera, parts)?;
+        }
+        Some(cost)
+    }
+
+    /// The same where the camera explains some sight nearly alone, as that of a target right before it: the square
+    /// less what is explained would have no digits left. Row after row is rotated with all that it says of
+    /// places, and what is left of it is what it says of them alone.
+    fn add_rows(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
+        let (kept, axes) = (self.layout().kept, self.axes(camera));
+        let unknowns = axes.len();
+        let (g, vectors) = parts.vectors.split_at_mut_checked(kept)?;
+        let (row, vectors) = vectors.split_at_mut_checked(kept)?;
+        vectors.fill(T::zero());
+        // Of each rotated row the camera's part, and the right side last.
+        let mut rotated = [[T::zero(); BLOCK + 1]; BLOCK];
+        for (place, axis) in axes.clone().enumerate() {
+            if let Some((residual, weight)) = self.prior_of(camera, axis) {
+                let own = rotated.get_mut(place)?;
+                *own.get_mut(place)? = weight;
+                *own.last_mut()? = -residual;
+            }
+        }
+        for (n, sight) in self.own(camera) {
+            let line = parts.lines.get(n)?;
+            if line.by_place == Vector2::zeros() {
+                continue;
+            }
+            let found = self.sight_row(sight)?;
+            let mut own = [T::zero(); BLOCK + 1];
+            own.get_mut(..unknowns)?
+                .copy_from_slice(found.by_camera.get(axes.clone())?);
+            *own.last_mut()? = -found.residual;
+            row.fill(T::zero());
+            let i = of_stop(sight.stop);
+            row.get_mut(i..i + 2)?
+                .copy_from_slice(line.by_place.as_slice());
+            let others = rotated.iter_mut().zip(vectors.chunks_exact_mut(kept));
+            for (place, (other, vector)) in others.enumerate().take(unknowns) {
+                let pivot = [*other.get(place)?, *own.get(place)?];
+                triangle::rotate(pivot, other, &mut own);
+                triangle::rotate(pivot, vector, row);
+            }
+            let right = *own.last()?;
+            for (i, by) in row.iter().enumerate() {
+                if *by == T::zero() {
+                    continue;
+                }
+                *g.get_mut(i)? -= *by * right;
+                for (j, other) in row.iter().enumerate().take(i + 1) {
+                    if *other != T::zero() {
+                        parts.kept.add(i, j, *by * *other);
+                    }
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// The rows of a camera into a triangle, and into their lines; chi squared of them.
+    fn enter(
+        &self,
+        camera: usize,
+        triangle: &mut Triangle<'_, T>,
+        lines: &mut Lines<'_, T>,
+    ) -> Option<T> {
+        let axes = self.axes(camera);
+        let unknowns = axes.len();
+        triangle.clear();
+        let mut cost = T::zero();
+        let mut row = [T::zero(); BLOCK + 1];
+        let row = row.get_mut(..=unknowns)?;
+        for (place, axis) in axes.clone().enumerate() {
+            if let Some((residual, weight)) = self.prior_of(camera, axis) {
+                cost += residual * residual;
+                row.fill(T::zero());
+                *row.get_mut(place)? = weight;
+                *row.last_mut()? = -residual;
+                triangle.insert(row);
+            }
+        }
+        for (n, sight) in self.own(camera) {
+            let (line, q) = lines.get_mut(n)?;
+            q.fill(T::zero());
+            let counts = self.counts(camera, sight);
+            let Some(found) = self.sight_row(sight).filter(|_| counts) else {
+                line.fill(T::zero());
+                continue;
+            };
+            cost += found.residual * found.residual;
+            *line = [found.by_place.x, found.by_place.y, found.residual];
+            let by_camera = found.by_camera.get(axes.clone())?;
+            q.get_mut(..unknowns)?.copy_from_slice(by_camera);
+            let (right, own) = row.split_last_mut()?;
+            own.copy_from_slice(by_camera);
+            *right = -found.residual;
+            triangle.insert(row);
+        }
+        triangle.drop_undetermined(row);
+        Some(cost)
+    }
+
+    /// What pairs of a camera's sights say about places.
+    fn add_pairs(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
+        for (n, sight) in self.own(camera) {
+            let line = parts.lines.get(n)?;
+            if line.by_place == Vector2::zeros() {
+                continue;
+            }
+            let i = of_stop(sight.stop);
+            let g = parts.vectors.get_mut(i..i + 2)?;
+            for (g, by) in g.iter_mut().zip(&line.by_place) {
+                *g += *by * line.number;
+            }
+            let a = line.by_place;
+            for (m, other) in self.own(camera) {
+                let j = of_stop(other.stop);
+                if j > i {
+                    continue;
+                }
+                let second = parts.lines.get(m)?;
+                let explained = short_dot(line.q, second.q);
+                let share = if m == n {
+                    T::one() - explained
+                } else {
+                    -explained
+                };
+                let b = second.by_place * share;
+                parts.kept.add(i, j, a.x * b.x);
+                if i != j {
+                    parts.kept.add(i, j + 1, a.x * b.y);
+                }
+                parts.kept.add(i + 1, j, a.y * b.x);
+                parts.kept.add(i + 1, j + 1, a.y * b.y);
+            }
+        }
+        Some(())
+    }
+
+    fn add_visits(&self, parts: &mut Parts<'_, T>) -> Option<T> {
+        let mut cost = T::zero();
+        for visit in self.visits {
+            let Some((off, weight)) = self.visit_rows(visit) else {
+                continue;
+            };
+            let (i, j) = (of_stop(visit.stop), self.of_mark(visit.mark.into()));
+            for (axis, off) in off.iter().enumerate() {
+                let (i, j) = (i + axis, j + axis);
+                parts.kept.add(i, i, weight * weight);
+                parts.kept.add(j, j, weight * weight);
+                parts.kept.add(j, i, -weight * weight);
+                *parts.vectors.get_mut(i)? += weight * *off;
+                *parts.vectors.get_mut(j)? -= weight * *off;
+                cost += *off * *off;
+            }
+        }
+        Some(cost)
+    }
+
+    /// First of the two unknowns of a mark.
+    pub(super) fn of_mark(&self, mark: usize) -> usize {
+        STOPS + 2 * (self.stops.len() + mark)
+    }
+
+    /// From steps of places to errors of legs, with what these and the priors say.
+    fn add_legs(&self, parts: &mut Parts<'_, T>) -> Option<T> {
+        let mut cost = T::zero();
+        for later in (1..self.stops.len()).rev() {
+            let way = self.way(later)?;
+            let of = with_before(later);
+            let [.., last] = of;
+            parts
+                .kept
+                .change(last, |entries| way.leave_places(entries))?;
+            let mut entries = [T::zero(); 6];
+            for (entry, i) in entries.iter_mut().zip(of) {
+                *entry = *parts.vectors.get(i)?;
+            }
+            way.leave_places(&mut entries);
+            for (entry, i) in entries.iter().zip(of) {
+                *parts.vectors.get_mut(i)? = *entry;
+            }
+            let rows = self.leg_rows(later);
+            let [.., first, _] = of;
+            for (row, i) in rows.iter().flatten().zip(first..) {
+                parts.kept.add(i, i, T::one());
+                *parts.vectors.get_mut(i)? += row.residual;
+                cost += row.residual * row.residual;
+            }
+        }
+        for (i, residual, weight) in self.carrier_priors() {
+            parts.kept.add(i, i, weight * weight);
+            *parts.vectors.get_mut(i)? += residual * weight;
+            cost += residual * residual;
+        }
+        Some(cost)
+    }
+
+    /// Of the leg to a stop; where nothing was measured, the step itself.
+    fn way(&self, later: usize) -> Option<Way<T>> {
+        let (zero, one) = (T::zero(), T::one());
+        let Some([first, second]) = self.leg_rows(later) else {
+            return Some(Way {
+                inverse: [[one, zero], [zero, one]],
+                by_carrier: [[zero; 2]; 2],
+            });
+        };
+        let (p, q) = (first.by_place, second.by_place);
+        let determinant = p.x * q.y - p.y * q.x;
+        if !(determinant.abs() > zero && determinant.is_finite()) {
+            return None;
+        }
+        let inverse = [
+            [q.y / determinant, -p.y / determinant],
+            [-q.x / determinant, p.x / determinant],
+        ];
+        let (c, d) = (first.by_carrier, second.by_carrier);
+        let by_carrier = inverse.map(|[a, b]| [a * c.x + b * d.x, a * c.y + b * d.y]);
+        Some(Way {
+            inverse,
+            by_carrier,
+        })
+    }
+
+    /// The step to the minimum of the equations that were assembled; it is kept, not taken. Tells by how much
+    /// it lowers chi squared, as far as the model is linear.
+    #[inline(never)] // for less flash
+    pub(super) fn find_step(&mut self) -> Option<T> {
+        if self.common.is_whole() {
+            return self.find_whole_step();
+        }
+        let worth = self.with_parts(|problem, mut parts| {
+            let kept = problem.layout().kept;
+            let (g, rest) = parts.vectors.split_at_mut_checked(kept)?;
+            let (diagonal, _) = rest.split_at_mut_checked(kept)?;
+            let dropped = parts.kept.factor(diagonal)?;
+            parts.kept.forward(g);
+            let mut worth = dot(g, g);
+            parts.kept.backward(g);
+            problem.find_undetermined(dropped, &mut parts)?;
+            for number in parts.vectors.get_mut(..kept)? {
+                *number = -*number;
+            }
+            problem.spread(&mut parts, 0, T::one())?;
+            for camera in 0..problem.cameras.len() {
+                if problem.is_estimated(camera) {
+                    let unknowns = problem.axes(camera).len();
+                    let mut right = [T::zero(); BLOCK];
+                    let right = right.get_mut(..unknowns)?;
+                    parts.blocks.get(camera, unknowns)?.right_side(right);
+                    worth += short_dot(right, right);
+                }
+            }
+            Some(worth)
+        });
+        if worth.is_some() {
+            self.common.told = Told::Factor;
+        }
+        worth
+    }
+
+    /// Steps of everything, kept with it, from those of the kept unknowns in vector `vector`, which get those of
+    /// places instead of those of legs' errors. `own` is one for the cameras' own part of the step, and zero
+    /// without.
+    fn spread(&mut self, parts: &mut Parts<'_, T>, vector: usize, own: T) -> Option<()> {
+        let kept = self.layout().kept;
+        let x = parts.vectors.get_mut(vector * kept..(vector + 1) * kept)?;
+        self.common.carrier_step = Vector2::new(*x.get(SCALE)?, *x.get(COMPASS)?);
+        for stop in 0..self.stops.len() {
+            if stop > 0 {
+                let way = self.way(stop)?;
+                let of = with_before(stop);
+                let mut entries = [T::zero(); 6];
+                for (entry, i) in entries.iter_mut().zip(of) {
+                    *entry = *x.get(i)?;
+                }
+                way.find_place(&mut entries);
+                for (entry, i) in entries.iter().zip(of) {
+                    *x.get_mut(i)? = *entry;
+                }
+            }
+            let i = STOPS + 2 * stop;
+            self.stops.get_mut(stop)?.step = Vector2::new(*x.get(i)?, *x.get(i + 1)?);
+        }
+        let first = self.of_mark(0);
+        for (mark, step) in self
+            .marks
+            .iter_mut()
+            .zip(x.get(first..)?.as_chunks::<2>().0)
+        {
+            mark.step.fill(T::zero());
+            for (to, from) in mark.step.iter_mut().zip(step) {
+                *to = *from;
+            }
+        }
+        for camera in 0..self.cameras.len() {
+            let mut step = [T::zero(); BLOCK];
+            if self.is_estimated(camera) {
+                let axes = self.axes(camera);
+                let unknowns = axes.len();
+                let step = step.get_mut(axes)?;
+                let triangle = parts.blocks.get(camera, unknowns)?;
+                triangle.right_side(step);
+                for entry in step.iter_mut() {
+                    *entry *= own;
+                }
+                for (n, sight) in self.own(camera) {
+                    let line = parts.lines.get(n)?;
+                    let i = of_stop(sight.stop);
+                    let moved = line.by_place.x * *x.get(i)? + line.by_place.y * *x.get(i + 1)?;
+                    for (entry, q) in step.iter_mut().zip(line.q) {
+                        *entry -= *q * moved;
+                    }
+                }
+                triangle.back_substitute(step);
+            }
+            self.cameras.get_mut(camera)?.step = step;
+        }
+        Some(())
+    }
+
+    /// Finds out which unknowns move along a direction that nothing determines, and names the first.
+    fn find_undetermined(&mut self, dropped: usize, parts: &mut Parts<'_, T>) -> Option<()> {
+        let kept = self.layout().kept;
+        self.common.undetermined = None;
+        self.common.is_carrier_undetermined = false;
+        for stop in self.stops.iter_mut() {
+            stop.is_undetermined = false;
+            stop.is_leg_undetermined = false;
+        }
+        for camera in 0..self.cameras.len() {
+            let is_estimated = self.is_estimated(camera);
+            let unknowns = self.axes(camera).len();
+            let triangle = parts.blocks.get(camera, unknowns)?;
+            let is_undetermined = is_estimated && triangle.has_dropped();
+            if is_undetermined {
+                self.common.undetermined = { self.common.undetermined }
+                    .or(u16::try_from(camera).ok().map(Undetermined::Camera));
+            }
+            if let Some(camera) = self.cameras.get_mut(camera) {
+                camera.is_undetermined = is_undetermined;
+            }
+        }
+        if dropped == 0 {
+            return Some(());
+        }
+        for i in 0..kept {
+            if !parts.kept.is_dropped(i) {
+                continue;
+            }
+            let numbers = parts.vectors.get_mut(2 * kept..3 * kept)?;
+            parts.kept.null_direction(i, numbers);
+            self.name(i);
+            let of_legs = numbers.get(STOPS + 2..self.of_mark(0)).unwrap_or_default();
+            let most = largest(numbers.iter().copied()) * lit(MOVES);
+            for (stop, error) in self
+                .stops
+                .iter_mut()
+                .skip(1)
+                .zip(of_legs.as_chunks::<2>().0)
+            {
+                stop.is_leg_undetermined |= largest(error.iter().copied()) > most;
+            }
+            self.spread(parts, 2, T::zero())?;
+            let steps = self.stops.iter().map(|stop| stop.step.amax());
+            let most = largest(steps.chain(self.marks.iter().map(Unknown::moved))) * lit(MOVES);
+            for stop in self.stops.iter_mut() {
+                stop.is_undetermined |= stop.step.amax() > most;
+            }
+            for camera in self.cameras.iter_mut() {
+                camera.is_undetermined |= camera.moved() > most;
+            }
+            let carrier = self.common.carrier_step.amax();
+            self.common.is_carrier_undetermined |= carrier > most;
+        }
+        Some(())
+    }
+
+    /// Names an unknown that was dropped, by its place among those that are kept.
+    fn name(&mut self, dropped: usize) {
+        let place = dropped.saturating_sub(STOPS) / 2;
+        let name = match dropped {
+            SCALE => Some(Undetermined::Scale),
+            COMPASS => Some(Undetermined::Compass),
+            _ => match u16::try_from(place).ok() {
+                Some(stop) if place < self.stops.len() => Some(Undetermined::Stop(stop)),
+                _ => {
+                    let mark = u16::try_from(place - self.stops.len()).ok();
+                    let is_visited = |mark| self.visits.iter().any(|visit| visit.mark == mark);
+                    mark.filter(|mark| is_visited(*mark))
+                        .map(Undetermined::Mark)
+                }
+            },
+        };
+        self.common.undetermined = self.common.undetermined.or(name);
+    }
+
+    /// Covariances of everything in place of the factor, and how much each measurement is checked.
+    #[inline(never)] // for less flash
+    pub(super) fn find_covariances(&mut self) -> Option<()> {
+        if matches!(self.common.told, Told::Nothing | Told::Equations) {
+            self.assemble()?;
+            self.find_step()?;
+        }
+        if self.common.told == Told::Factor && self.common.is_whole() {
+            return self.find_whole_covariances();
+        }
+        if self.common.told == Told::Factor {
+            self.common.told = Told::Equations;
+            self.with_parts(|problem, mut parts| {
+                parts.kept.invert()?;
+                for stop in 1..problem.stops.len() {
+                    let of = with_before(stop);
+                    let [.., first, second] = of;
+                    let own = [(first, first), (first, second), (second, second)];
+                    problem.stops.get_mut(stop)?.leverage = own.map(|(i, j)| parts.kept.at(i, j));
+                    let way = problem.way(stop)?;
+                    parts
+                        .kept
+                        .change(second, |entries| way.find_place(entries))?;
+                }
+                for camera in 0..problem.cameras.len() {
+                    if problem.is_estimated(camera) {
+                        problem.find_leverages(camera, &mut parts)?;
+                    }
+                }
+                Some(())
+            })?;
+            self.common.told = Told::Covariances;
+        }
+        Some(())
+    }
+}
+
+impl<T: Real> Unknown<T> {
+    fn moved(&self) -> T {
+        self.step
+            .iter()
+            .fold(T::zero(), |most, step| most.max(step.abs()))
+    }
+}
+
+/// The unknowns of the carrier, of the stop before and of a stop.
+fn with_before(later: usize) -> [usize; 6] {
+    let i = STOPS + 2 * later;
+    [
+        SCALE,
+        COMPASS,
+        i.saturating_sub(2),
+        i.saturating_sub(1),
+        i,
+        i + 1,
+    ]
+}
+
+/// `a . b` of a few numbers.
+#[inline(always)]
+pub(super) fn short_dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
+}
+
+/// Derivatives of a leg's error in each direction by the kept unknowns: of the carrier, the stop before, and the
+/// stop.
+pub(super) fn by_kept<T: Real>(row: &LegRow<T>) -> [T; 6] {
+    let (by_place, by_carrier) = (row.by_place, row.by_carrier);
+    [
+        by_carrier.x,
+        by_carrier.y,
+        -by_place.x,
+        -by_place.y,
+        by_place.x,
+        by_place.y,
+    ]
+}
