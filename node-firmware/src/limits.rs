@@ -27,13 +27,13 @@ pub const REFERENCE_STOPS: usize = 12;
 /// Most stops of a walk that are written down: so many places there are for them.
 pub const WALK_STOPS: usize = 100;
 
-/// Most stops that a target estimates together. What is kept of their equations grows with the square: 82 KB.
-#[cfg(not(feature = "small-memory"))]
-pub const ESTIMATED_STOPS: usize = 100;
-
-/// The same where RAM is less than 128 KiB: 27 KB.
-#[cfg(feature = "small-memory")]
-pub const ESTIMATED_STOPS: usize = 56;
+/// Most stops that a target estimates together. What is kept of their equations grows with the square: 82 KB for
+/// 100 stops, 27 KB for 56.
+pub const ESTIMATED_STOPS: usize = if cfg!(feature = "long-walks") {
+    100
+} else {
+    56
+};
 
 const _: () = assert!(ESTIMATED_STOPS <= WALK_STOPS, "each is written down");
 

@@ -16,6 +16,7 @@ use node_firmware::{
     message::{Seen, Tracked, TrackedBlob},
 };
 use serde::{Deserialize, Serialize};
+use serde_json::{Number, Value};
 
 use super::{
     Network, Node, Radio, RunRecord, Stop, Target, Tracking,
@@ -499,6 +500,20 @@ impl Event {
         Self { seconds, what }
     }
 
+    /// Reads a line.
+    ///
+    /// Always this way: what is flattened or tagged is kept aside until its type is known, and numbers of
+    /// `serde_json` with `arbitrary_precision`, which crates of the same build may ask for, are no numbers
+    /// there unless they are written as they would be written here.
+    ///
+    /// # Errors
+    /// It is not JSON, or no event.
+    pub fn from_line(line: &str) -> Result<Self, serde_json::Error> {
+        let mut value = serde_json::from_str(line)?;
+        write_numbers_anew(&mut value);
+        Self::deserialize(value)
+    }
+
     /// The event as a line, ending with a line feed.
     ///
     /// # Errors
@@ -528,6 +543,20 @@ pub enum StreamError {
     Format(u32),
 }
 
+/// Writes all floating-point numbers of a value in the shortest form.
+fn write_numbers_anew(value: &mut Value) {
+    match value {
+        Value::Number(number) if !number.is_i64() && !number.is_u64() => {
+            if let Some(again) = number.as_f64().and_then(Number::from_f64) {
+                *number = again;
+            }
+        }
+        Value::Array(values) => values.iter_mut().for_each(write_numbers_anew),
+        Value::Object(fields) => fields.values_mut().for_each(write_numbers_anew),
+        _ => {}
+    }
+}
+
 /// Reads a stream; one that ends in the middle of its last line, as of a program that was killed, is
 /// taken without that.
 ///
@@ -538,7 +567,7 @@ pub fn read(stream: impl io::BufRead) -> Result<Vec<Event>, StreamError> {
     let mut lines = (1..).zip(stream.lines()).peekable();
     while let Some((number, line)) = lines.next() {
         let line = line?;
-        match serde_json::from_str::<Event>(&line) {
+        match Event::from_line(&line) {
             Ok(event) => events.push(event),
             Err(_) if lines.peek().is_none() && !events.is_empty() => break,
             Err(error) => return Err(StreamError::Line(number, error)),

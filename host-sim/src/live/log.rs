@@ -195,7 +195,7 @@ mod tests {
         assert_eq!(*findings, [Piece::Kept([0, 17]), Piece::Kept([18, 22])]);
         let line = serde_json::to_string(change).unwrap();
         assert!(line.len() < whole / 10, "{line}");
-        assert_eq!(serde_json::from_str::<Event>(&line).unwrap(), *change);
+        assert_eq!(Event::from_line(&line).unwrap(), *change);
     }
 
     /// Whoever comes when the first verdicts are no longer kept one by one gets the present one too.

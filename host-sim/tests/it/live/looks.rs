@@ -198,7 +198,7 @@ pub(super) fn events_until(url: &str, mut is_last: impl FnMut(&Event) -> bool) -
         let Some(line) = line.strip_prefix("data: ") else {
             continue;
         };
-        let event = serde_json::from_str(line).unwrap();
+        let event = Event::from_line(line).unwrap();
         let is_found = is_last(&event);
         events.push(event);
         if is_found {
