@@ -142,6 +142,7 @@ fn walk(record: &RunRecord, sightings: &Sightings) -> (Vec<u16>, Walk) {
         ranges: Vec::new(),
         visits: Vec::new(),
         lens_sigma: 0.0,
+        principal_sigma: 0.0,
     };
     (ids, walk)
 }

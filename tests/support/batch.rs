@@ -9,7 +9,7 @@ use super::{turn, walk::Walk};
 #[derive(Clone, Debug)]
 pub struct Batch {
     /// Unknowns: scale, compass, both reference headings, every stop, `(x, y, heading)` of each camera
-    /// that is solved, every mark, the error of every lens if there is one.
+    /// that is solved, every mark, the error of every lens if there is one, that of every principal column.
     pub x: Vec<f64>,
     /// Their covariance.
     pub covariance: Vec<Vec<f64>>,
@@ -49,8 +49,10 @@ impl Batch {
             x.extend([place.x, place.y]);
         }
         let lenses = x.len();
-        if walk.lens_sigma > 0.0 {
-            x.extend(vec![0.0; walk.cameras.len()]);
+        for sigma in [walk.lens_sigma, walk.principal_sigma] {
+            if sigma > 0.0 {
+                x.extend(vec![0.0; walk.cameras.len()]);
+            }
         }
         let system = System {
             walk,
@@ -156,8 +158,14 @@ impl System<'_> {
             let mut bearing = seen.bearing;
             if self.walk.lens_sigma > 0.0 {
                 let lens = self.lenses + seen.camera;
-                bearing = ((1.0 + x[lens]) * bearing.tan()).atan();
+                let mut tangent = (1.0 + x[lens]) * bearing.tan();
                 takes.push(lens);
+                if self.walk.principal_sigma > 0.0 {
+                    let principal = lens + self.walk.cameras.len();
+                    tangent += x[principal];
+                    takes.push(principal);
+                }
+                bearing = tangent.atan();
             }
             let off = turn(d.y.atan2(d.x), x[heading] + bearing);
             all.push((off / seen.sigma, takes));
@@ -178,7 +186,12 @@ impl System<'_> {
             all.push((off / ranged.sigma, takes));
         }
         for (lens, error) in x.iter().enumerate().skip(self.lenses) {
-            all.push((error / self.walk.lens_sigma, vec![lens]));
+            let is_focal = lens < self.lenses + self.walk.cameras.len();
+            let sigma = match is_focal {
+                true => self.walk.lens_sigma,
+                false => self.walk.principal_sigma,
+            };
+            all.push((error / sigma, vec![lens]));
         }
         for visit in &self.walk.visits {
             for axis in 0..2 {

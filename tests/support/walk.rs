@@ -114,6 +114,9 @@ pub struct Walk {
     /// Standard deviation of the scale that every camera's lens has, relative; zero if all are what they
     /// are said to be.
     pub lens_sigma: f64,
+    /// Standard deviation of what every camera's principal column adds to the tangent of a bearing; zero if all
+    /// are what they are said to be. Only beside `lens_sigma`.
+    pub principal_sigma: f64,
 }
 
 impl Walk {
@@ -179,6 +182,7 @@ impl Walk {
             ranges: Vec::new(),
             visits: Vec::new(),
             lens_sigma: 0.0,
+            principal_sigma: 0.0,
         };
         walk.carry(rng);
         walk
@@ -229,8 +233,8 @@ impl Walk {
     }
 
     /// Makes what a camera measures that of a lens whose true tangents are the measured ones times
-    /// `scale`.
-    pub fn look_through(&mut self, camera: usize, scale: f64) {
+    /// `scale`, and `principal` more.
+    pub fn look_through(&mut self, camera: usize, scale: f64, principal: f64) {
         for seen in self
             .bearings
             .iter_mut()
@@ -238,7 +242,7 @@ impl Walk {
         {
             let truth = self.cameras[camera].bearing_of(self.places[seen.stop]);
             let noise = seen.bearing - truth;
-            seen.bearing = (truth.tan() / scale).atan() + noise;
+            seen.bearing = ((truth.tan() - principal) / scale).atan() + noise;
         }
     }
 

@@ -106,7 +106,7 @@ fn walk_with_more(seed: u64) -> Walk {
     walk.visits = visits;
     walk.range(&mut rng, 0.03);
     for camera in 0..walk.cameras.len() {
-        walk.look_through(camera, 1.0 + LENSES * normal(&mut rng));
+        walk.look_through(camera, 1.0 + LENSES * normal(&mut rng), 0.0);
     }
     walk.lens_sigma = LENSES;
     walk
@@ -186,7 +186,7 @@ fn another_lens_is_named_and_its_width_told() {
     for seed in 0..12 {
         let mut walk = walk_with_more(seed);
         let camera = (2..9).max_by_key(|&camera| walk.seen_by(camera)).unwrap();
-        walk.look_through(camera, 1.2);
+        walk.look_through(camera, 1.2, 0.0);
         let solution = solved(&measured(&walk));
         for (n, told) in solution.cameras.iter().enumerate() {
             let is_wrong = told.lens.is_some_and(|lens| lens.wrong);

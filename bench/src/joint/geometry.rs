@@ -106,6 +106,7 @@ impl Setting {
             ranges: Vec::new(),
             visits: Vec::new(),
             lens_sigma: 0.0,
+            principal_sigma: 0.0,
         };
         walk.carry(&mut rng);
         walk

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Point2, SMatrix};
 use super::{
     Carrier, Lens, ReferenceHeadings, StopPlace,
     covariance::{Block, pose_of},
-    problem::{Problem, REFERENCES, SCALE, STOPS, Standing, Stop, Unknown},
+    problem::{LENS, Problem, REFERENCES, SCALE, STOPS, Standing, Stop, Unknown},
     residuals::UNCHECKED,
 };
 use crate::{
@@ -46,9 +46,11 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn lens(&mut self, camera: usize) -> Result<Lens<T>, Refusal> {
         let unknown = self.cameras.get(camera);
         let unknown = unknown.filter(|_| self.is_estimated(camera));
-        let (unknown, prior) = unknown.zip(self.common.lens_prior).ok_or(Refusal::TooFew)?;
+        let (unknown, prior) = unknown
+            .zip(self.common.optics.lens)
+            .ok_or(Refusal::TooFew)?;
         let error = unknown.lens();
-        let place = self.axes(camera).len().saturating_sub(1);
+        let place = LENS.saturating_sub(self.axes(camera).start);
         let block = self.block(camera)?;
         let variance = { block.get(place) }.and_then(|row| row.get(place).copied());
         let variance = variance.ok_or(Refusal::Undetermined)?;

@@ -8,7 +8,7 @@ use super::{
     equations::Layout,
     integrity::IN_A_ROW,
     problem::{
-        Common, LENS, NONE, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Told, Unknown,
+        Common, NONE, Optics, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Told, Unknown,
         Visit, root_information,
     },
     round::Work,
@@ -132,9 +132,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             compass,
             standing,
             lens,
+            principal,
             limits,
         } = settings;
-        let lens = lens.filter(|sigma| *sigma != T::zero());
+        let optics = Optics::new(lens, principal);
         let JointMemory {
             cameras,
             stops,
@@ -144,8 +145,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             workspace,
         } = memory;
         let most = usize::from(u16::MAX);
-        let block = if lens.is_some() { LENS + 1 } else { LENS };
         let (stop_count, sight_count) = (stops.len(), bearings.len());
+        let block = optics.block();
         let layout = Layout::new(cameras.len(), stop_count, sight_count, marks.len(), block);
         let least = if has_solver {
             layout.without_kept().workspace()
@@ -165,7 +166,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 scale_prior: scale,
                 compass_prior: compass,
                 standing: stands(standing, baseline),
-                lens_prior: lens,
+                optics,
                 carrier: Vector2::new(scale.mean, compass.mean),
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
@@ -215,7 +216,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     ///
     /// # Errors
     /// [`JointError::Unknown`] where these are not two cameras, and as
-    /// [`new`](JointEstimator::new).
+    /// [`new`](JointEstimator::new): lenses are estimated from now on, or no longer, as the settings say.
     pub fn appoint(
         &mut self,
         [first, second]: [usize; 2],
@@ -226,6 +227,13 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             return Err(JointError::Unknown);
         }
         check(baseline, &settings)?;
+        let optics = Optics::new(settings.lens, settings.principal);
+        let [stops, sights] = [self.stops.values.len(), self.sights.values.len()];
+        let marks = self.marks.len();
+        let layout = Layout::new(self.cameras.len(), stops, sights, marks, optics.block());
+        if !self.common.is_whole() && self.workspace.len() < layout.workspace() {
+            return Err(JointError::Memory);
+        }
         // Who was moved is found anew.
         self.counted = [self.stops.len, self.sights.len, self.visits.len];
         self.work().1.undo_moves(None);
@@ -254,7 +262,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         common.scale_prior = settings.scale;
         common.compass_prior = settings.compass;
         common.standing = stands(settings.standing, baseline);
-        // Whether lenses are estimated stays: the workspace is laid out for that.
+        common.optics = optics;
         common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
         common.leg_factor = T::one();
         common.told = Told::Nothing;
@@ -734,8 +742,12 @@ fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointE
     let JointSettings { scale, compass, .. } = settings;
     let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
     let stands = settings.standing.is_finite() && settings.standing >= T::zero();
-    let lens = settings.lens.filter(|sigma| *sigma != T::zero());
-    if lens.is_some_and(|sigma| !is_sigma(&sigma)) {
+    let Optics { lens, principal } = Optics::new(settings.lens, settings.principal);
+    if [lens, principal]
+        .iter()
+        .flatten()
+        .any(|sigma| !is_sigma(sigma))
+    {
         return Err(JointError::NotFinite);
     }
     if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() || !stands {

@@ -171,14 +171,14 @@ impl Capacity {
         self.layout(problem::LENS).workspace()
     }
 
-    /// The same where lenses are estimated ([`JointSettings::lens`]).
+    /// The same where lenses are estimated ([`JointSettings::lens`], [`JointSettings::principal`]).
     pub const fn workspace_with_lenses(&self) -> usize {
-        self.layout(problem::LENS + 1).workspace()
+        self.layout(problem::BLOCK).workspace()
     }
 
     /// The same beside a [`Solver`], lenses included.
     pub const fn workspace_beside_solver(&self) -> usize {
-        self.layout(problem::LENS + 1).without_kept().workspace()
+        self.layout(problem::BLOCK).without_kept().workspace()
     }
 
     const fn layout(&self, block: usize) -> equations::Layout {
@@ -228,8 +228,11 @@ pub struct JointSettings<T> {
     /// camera looks. It is another one for each look, and not one of the way. Zero or above.
     pub standing: T,
     /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
-    /// takes [`workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
+    /// takes [`Capacity::workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
     pub lens: Option<T>,
+    /// Standard deviation of every camera's principal column, as the tangent of the angle that it is off: columns
+    /// over the focal length in columns. It is estimated and takes room as the focal length does.
+    pub principal: Option<T>,
     /// Sigmas up to which a camera takes part: those that all bearings together give it.
     pub limits: Limits<T>,
 }
@@ -249,6 +252,7 @@ impl<T: Real> Default for JointSettings<T> {
             },
             standing: T::zero(),
             lens: None,
+            principal: None,
             limits: Limits {
                 position: lit(0.5),
                 heading: lit(0.087_266_463),

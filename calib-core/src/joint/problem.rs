@@ -15,11 +15,12 @@ use crate::{
 pub(super) const REFERENCES: usize = 2;
 
 /// Unknowns of a camera at most, and which is which. A camera's block is a part of them, in this order: of a
-/// reference without its place, and without the lens if lenses are not estimated.
-pub(super) const BLOCK: usize = 4;
+/// reference without its place, without the principal point or the whole lens if these are not estimated.
+pub(super) const BLOCK: usize = 5;
 pub(super) const PLACE: usize = 0;
 pub(super) const HEADING: usize = 2;
 pub(super) const LENS: usize = 3;
+pub(super) const PRINCIPAL: usize = 4;
 
 /// What is kept while cameras are eliminated: the carrier's scale and compass offset, then two for each
 /// stop, then two for each mark.
@@ -116,8 +117,8 @@ pub enum Standing {
 /// A camera, or with its first two numbers a mark.
 #[derive(Clone, Copy, Debug)]
 pub struct Unknown<T: Real> {
-    /// `(x, y, heading, lens)`; the heading over more than a turn, of the lens the true tangent of a
-    /// bearing over the measured one, less one.
+    /// `(x, y, heading, lens, principal)`; the heading over more than a turn, of the lens the true tangent of a
+    /// bearing over the measured one, less one, and what is added to it for the principal column.
     pub(super) value: [T; BLOCK],
     pub(super) step: [T; BLOCK],
     /// The last one of its sights.
@@ -206,8 +207,8 @@ pub(super) struct Common<T: Real> {
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
     pub standing: T,
-    /// Standard deviation of all lenses, if they are estimated.
-    pub lens_prior: Option<T>,
+    /// Standard deviations of all lenses, if they are estimated.
+    pub optics: Optics<T>,
     /// Scale and compass offset.
     pub carrier: Vector2<T>,
     pub carrier_step: Vector2<T>,
@@ -236,6 +237,41 @@ impl<T: Real> Common<T> {
         cfg!(feature = "solver") && self.is_whole
     }
 }
+
+/// What is known of lenses beforehand: standard deviations, `None` where a number is exact.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Optics<T> {
+    /// Of the focal length, relative.
+    pub lens: Option<T>,
+    /// Of the principal column, as a tangent. Only where the focal length has one as well.
+    pub principal: Option<T>,
+}
+
+impl<T: Real> Optics<T> {
+    /// Returns what is not zero. A lens of which only the principal column is unknown has a focal length that is
+    /// nearly exact.
+    pub(super) fn new(lens: Option<T>, principal: Option<T>) -> Self {
+        let given = |sigma: &T| *sigma != T::zero();
+        let principal = principal.filter(given);
+        let exact = principal.map(|_| lit(NEARLY_EXACT));
+        Self {
+            lens: lens.filter(given).or(exact),
+            principal,
+        }
+    }
+
+    /// Unknowns of a camera with such a lens.
+    pub(super) const fn block(&self) -> usize {
+        match (&self.lens, &self.principal) {
+            (None, _) => LENS,
+            (_, None) => PRINCIPAL,
+            _ => BLOCK,
+        }
+    }
+}
+
+/// Share of a focal length that no measurement tells.
+const NEARLY_EXACT: f64 = 1e-4;
 
 /// What the workspace holds of the present estimates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -327,10 +363,16 @@ impl<T: Real> Unknown<T> {
         lens
     }
 
-    /// As the lens was said to be.
+    /// What is added to the tangent of each bearing because the principal column is another one.
+    pub(super) const fn principal(&self) -> T {
+        let [_, _, _, _, principal] = self.value;
+        principal
+    }
+
+    /// Makes the lens what it was said to be.
     pub(super) fn trust_lens(&mut self) {
-        let [_, _, _, lens, ..] = &mut self.value;
-        *lens = T::zero();
+        let [_, _, _, lens, principal] = &mut self.value;
+        (*lens, *principal) = (T::zero(), T::zero());
     }
 }
 
@@ -350,18 +392,20 @@ impl<T: Real> Problem<'_, T> {
     }
 
     pub(super) fn last_axis(&self) -> usize {
-        if self.common.lens_prior.is_some() {
-            LENS + 1
-        } else {
-            LENS
-        }
+        self.common.optics.block()
     }
 
     /// What is known of a camera's unknown beforehand, as a row of it alone: residual and weight.
     pub(super) fn prior_of(&self, camera: usize, axis: usize) -> Option<(T, T)> {
-        let sigma = self.common.lens_prior.filter(|_| axis == LENS)?;
+        let Optics { lens, principal } = self.common.optics;
+        let of = self.cameras.get(camera)?;
+        let (sigma, value) = match axis {
+            LENS => (lens?, of.lens()),
+            PRINCIPAL => (principal?, of.principal()),
+            _ => return None,
+        };
         let weight = sigma.recip();
-        Some((self.cameras.get(camera)?.lens() * weight, weight))
+        Some((value * weight, weight))
     }
 
     /// Whether a sight of a camera is in the equations, as far as that is not its row's matter.
@@ -482,24 +526,29 @@ impl<T: Real> Problem<'_, T> {
         self.link();
     }
 
-    /// A bearing as it would be measured through a right lens, and by how much it changes with the
-    /// lens: `d atan((1 + e) tan b) / de`.
-    pub(super) fn through_lens(&self, sight: &Sight<T>) -> (T, T) {
-        if self.common.lens_prior.is_none() {
-            return (sight.value, T::zero());
+    /// A bearing as it would be measured through a right lens, and by how much it changes with lens and principal
+    /// column: the derivatives of `atan((1 + e) tan b + p)` by `e` and `p`.
+    pub(super) fn through_lens(&self, sight: &Sight<T>) -> (T, [T; 2]) {
+        if self.common.optics.lens.is_none() {
+            return (sight.value, [T::zero(); 2]);
         }
         let camera = self.cameras.get(usize::from(sight.camera));
         let lens = camera.map_or_else(T::zero, Unknown::lens);
+        let principal = camera.map_or_else(T::zero, Unknown::principal);
         let ray = plane::unit(sight.value);
-        let true_ray = Vector2::new(ray.x, ray.y * (lens + T::one()));
-        let by_lens = ray.x * ray.y / dot(true_ray, true_ray);
-        (true_ray.y.atan2(true_ray.x), by_lens)
+        let true_ray = Vector2::new(ray.x, ray.y * (lens + T::one()) + ray.x * principal);
+        let by_tangent = ray.x / dot(true_ray, true_ray);
+        (
+            true_ray.y.atan2(true_ray.x),
+            [ray.y * by_tangent, ray.x * by_tangent],
+        )
     }
 
-    /// A bearing for those who do not estimate lenses, with its standard deviation.
+    /// A bearing for those who do not estimate lenses, with its standard deviation. A heading takes in what the
+    /// principal column errs by, all but a little.
     pub(super) fn bearing_at(&self, sight: &Sight<T>) -> (T, T) {
-        let (bearing, by_lens) = self.through_lens(sight);
-        let Some(prior) = self.common.lens_prior else {
+        let (bearing, [by_lens, _]) = self.through_lens(sight);
+        let Some(prior) = self.common.optics.lens else {
             return (bearing, sight.sigma);
         };
         let of_lens = by_lens * prior;
@@ -532,19 +581,25 @@ impl<T: Real> Problem<'_, T> {
             return Some(SightRow {
                 residual: (range - sight.value) * weight,
                 by_place,
-                by_camera: [-by_place.x, -by_place.y, T::zero(), T::zero()],
+                by_camera: [-by_place.x, -by_place.y, T::zero(), T::zero(), T::zero()],
             });
         }
         let weight = (sigma * sigma + standing * standing / range2)
             .sqrt()
             .recip();
-        let (bearing, by_lens) = self.through_lens(sight);
+        let (bearing, [by_lens, by_principal]) = self.through_lens(sight);
         let off = to_target.y.atan2(to_target.x) - pose.z - bearing;
         let by_place = quarter_turn(to_target) * (weight / range2);
         Some(SightRow {
             residual: angle::wrap_signed(off) * weight,
             by_place,
-            by_camera: [-by_place.x, -by_place.y, -weight, -by_lens * weight],
+            by_camera: [
+                -by_place.x,
+                -by_place.y,
+                -weight,
+                -by_lens * weight,
+                -by_principal * weight,
+            ],
         })
     }
 

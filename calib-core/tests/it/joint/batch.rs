@@ -139,15 +139,17 @@ fn equals_the_dense_batch_with_ranges() {
     }
 }
 
-/// With every lens some percent off, and estimated; in double and in single precision.
+/// With every lens some percent off, and estimated; in double and in single precision. Then also with principal
+/// columns that are half a degree off.
 #[test]
 fn equals_the_dense_batch_with_lenses() {
-    for (name, errors) in CASES {
+    for ((name, errors), principal) in CASES
+        .into_iter()
+        .flat_map(|case| [(case, 0.0), (case, 0.01)])
+    {
         for seed in 0..6 {
-            let walk = through_lenses(
-                Walk::random(&mut generator(seed), 9, 20, errors, 0.0024),
-                seed,
-            );
+            let walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
+            let walk = through_lenses(walk, seed, principal);
             let mut joint = filled::<f64>(&walk, WIDE);
             let solution = joint.solve().unwrap();
             let (worst, worst_sigma) = off(&mut joint, &walk);

@@ -20,7 +20,7 @@ fn forty_seven() -> f64 {
 
 fn seen_through(seed: u64, camera: usize, scale: f64) -> Walk {
     let mut walk = Walk::random(&mut generator(seed), 8, 24, CarrierErrors::DRIFT, 0.0024);
-    walk.look_through(camera, scale);
+    walk.look_through(camera, scale, 0.0);
     walk.lens_sigma = PRIOR;
     walk
 }
@@ -116,9 +116,9 @@ fn a_lens_that_is_another_one_is_named() {
     let (mut named, mut others, mut cameras) = (0, 0, 0);
     for seed in 0..24 {
         let ordinary = Walk::random(&mut generator(seed), 8, 24, CarrierErrors::DRIFT, 0.0024);
-        let mut walk = through_lenses(ordinary, seed);
+        let mut walk = through_lenses(ordinary, seed, 0.0);
         let camera = (2..8).max_by_key(|&camera| walk.seen_by(camera)).unwrap();
-        walk.look_through(camera, 1.15);
+        walk.look_through(camera, 1.15, 0.0);
         let mut joint = filled::<f32>(&walk, WIDE);
         joint.solve().unwrap();
         while joint.check().unwrap().is_some() {}

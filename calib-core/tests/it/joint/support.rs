@@ -67,6 +67,7 @@ pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
         },
         standing: T::zero(),
         lens: (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma)),
+        principal: (walk.principal_sigma > 0.0).then(|| number(walk.principal_sigma)),
         limits: Limits {
             position: number(limits.position),
             heading: number(limits.heading),
@@ -111,12 +112,18 @@ pub(crate) fn add<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize) {
     }
 }
 
-/// The same walk with lenses that are 2 % off at one sigma, and known to be no better.
-pub(crate) fn through_lenses(mut walk: Walk, seed: u64) -> Walk {
+/// The same walk with lenses that are 2 % off at one sigma, principal columns so much, and known to be no better.
+pub(crate) fn through_lenses(mut walk: Walk, seed: u64, principal_sigma: f64) -> Walk {
     let mut rng = generator(seed ^ 0x1e45);
     walk.lens_sigma = 0.02;
+    walk.principal_sigma = principal_sigma;
     for camera in 0..walk.cameras.len() {
-        walk.look_through(camera, 1.0 + walk.lens_sigma * normal(&mut rng));
+        let scale = 1.0 + walk.lens_sigma * normal(&mut rng);
+        let principal = match principal_sigma > 0.0 {
+            true => principal_sigma * normal(&mut rng),
+            false => 0.0,
+        };
+        walk.look_through(camera, scale, principal);
     }
     walk
 }
