@@ -1,8 +1,8 @@
 //! Configurations for tests.
 
 use super::{
-    CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, Sigmas, SiteKey, Subjects,
-    TargetConfig,
+    CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SensorConfig, Sigmas, SiteKey,
+    Subjects, SurveySigma, TargetConfig,
 };
 use crate::message::{Duty, Reference};
 use crate::vision::{CameraKind, ColourWindow, Lens};
@@ -52,6 +52,10 @@ pub(crate) fn camera() -> CameraConfig {
             heading_deg: 8.0,
         },
         sigma_floor_px: 0.0625,
+        lens_sigma: LensSigma {
+            focal: 0.05,
+            principal_deg: 1.0,
+        },
     }
 }
 
@@ -77,6 +81,14 @@ pub(crate) fn target() -> TargetConfig {
         dwell_least_ms: 2_000,
         dwell_most_ms: 120_000,
         roams: false,
+        lens_sigma: LensSigma {
+            focal: 0.05,
+            principal_deg: 1.0,
+        },
+        survey_sigma: SurveySigma {
+            baseline: 0.01,
+            position: 0.02,
+        },
         sensor: SensorConfig {
             hard_iron: [12.5, -30.0, 0.25],
             step_length: 0.5,

@@ -135,6 +135,51 @@ pub struct CameraConfig {
     pub weak: Sigmas,
     /// Standard deviation of a sighting that no frame shows, columns.
     pub sigma_floor_px: f32,
+    /// How well its lens is known.
+    pub lens_sigma: LensSigma,
+}
+
+/// How well lenses are known: standard deviations, zero for what is exact.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LensSigma {
+    /// Of the focal length, as a share of it, up to 0.5.
+    pub focal: f32,
+    /// Of the principal column, degrees off the axis, up to 20.
+    pub principal_deg: f32,
+}
+
+impl LensSigma {
+    /// A lens that is exactly what it is said to be. Its installer promises that.
+    pub const EXACT: Self = Self {
+        focal: 0.0,
+        principal_deg: 0.0,
+    };
+
+    /// The standard deviations of a bearing's tangent: of its scale, and of what is added to it.
+    pub fn of_tangent(&self) -> [f32; 2] {
+        [self.focal, self.principal_deg.to_radians()]
+    }
+}
+
+/// How well the places of the references are known: standard deviations, zero for what is exact.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SurveySigma {
+    /// Of their distance, as a share of it, up to 0.5: what a tape is too long or too short.
+    pub baseline: f32,
+    /// Of each place, along each axis, in the unit of the site, up to 1000.
+    pub position: f32,
+}
+
+impl SurveySigma {
+    /// References that stand exactly where they are said to stand. Their installer promises that.
+    pub const EXACT: Self = Self {
+        baseline: 0.0,
+        position: 0.0,
+    };
 }
 
 /// How sure a pose is.
@@ -246,6 +291,10 @@ pub struct TargetConfig {
     /// Whether it goes over to the network of the site that it hears best, when no camera of its own saw
     /// it at a stop.
     pub roams: bool,
+    /// How well the cameras' lenses are known.
+    pub lens_sigma: LensSigma,
+    /// How well the places of the references are known.
+    pub survey_sigma: SurveySigma,
     /// Of a step sensor that the board has: other boards do not look at it.
     pub sensor: SensorConfig,
 }
@@ -289,6 +338,7 @@ impl CameraConfig {
                 heading_deg: 10.0,
             },
             sigma_floor_px: Patience::default().sigma_floor,
+            lens_sigma: LensSigma::EXACT,
         }
     }
 
@@ -342,6 +392,8 @@ impl Default for TargetConfig {
             dwell_least_ms: 2_000,
             dwell_most_ms: 120_000,
             roams: false,
+            lens_sigma: LensSigma::EXACT,
+            survey_sigma: SurveySigma::EXACT,
             sensor: SensorConfig::UNCALIBRATED,
         }
     }

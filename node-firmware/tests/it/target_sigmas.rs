@@ -5,7 +5,7 @@ use core::time::Duration;
 use calib_core::dead_reckoning::Step;
 use node_firmware::network::{Attachment, NetworkIdentity};
 use node_firmware::{
-    config::{SensorConfig, TargetConfig},
+    config::{LensSigma, SensorConfig, SurveySigma, TargetConfig},
     message::{CoordinateFrame, Message, Stopped, TargetLocation},
     role::{
         Output, Role,
@@ -25,6 +25,8 @@ struct Carrier {
 impl Carrier {
     fn new() -> Self {
         let config = TargetConfig {
+            lens_sigma: LensSigma::EXACT,
+            survey_sigma: SurveySigma::EXACT,
             colour: 0,
             still_after_ms: 1_500,
             systematic_heading_deg: 3.0,

@@ -10,7 +10,8 @@ use zigbee_link::{
 };
 
 use super::{
-    CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, Subjects, TargetConfig,
+    CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SensorConfig, Subjects,
+    TargetConfig,
 };
 use crate::{
     limits::{COLOURS_MAX, CONSOLE_BAUD, REFERENCE_STOPS, STOPS_WANTED},
@@ -175,6 +176,10 @@ pub enum ConfigError {
     Systematic,
     /// How still the target stands.
     StandingSigma,
+    /// A lens is known to less than half of its focal length, or to less than 20 degrees.
+    LensSigma,
+    /// The references are known to less than half of their distance, or to less than 1000 units.
+    SurveySigma,
     /// The radius of the ball.
     BallRadius,
     /// The times of a stop.
@@ -233,6 +238,8 @@ impl fmt::Display for ConfigError {
             Self::StillAfter => "still-after-ms must be 100 to 60000",
             Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
             Self::StandingSigma => "standing-sigma must be 0 to 1000",
+            Self::LensSigma => "lens-sigma: focal must be 0 to 0.5, principal-deg 0 to 20",
+            Self::SurveySigma => "survey-sigma: baseline must be 0 to 0.5, position 0 to 1000",
             Self::Unit => "metres-per-unit must be 0.0001 to 100000",
             Self::BallRadius => "ball-radius must be 0 to 1000, 0 if it is not known",
             Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
@@ -372,7 +379,14 @@ impl CameraConfig {
                 (0.0..=10.0).contains(&self.sigma_floor_px),
                 ConfigError::SigmaFloor,
             ),
+            (self.lens_sigma.is_usable(), ConfigError::LensSigma),
         ])
+    }
+}
+
+impl LensSigma {
+    fn is_usable(&self) -> bool {
+        (0.0..=0.5).contains(&self.focal) && (0.0..=20.0).contains(&self.principal_deg)
     }
 }
 
@@ -396,6 +410,12 @@ impl TargetConfig {
                 // Its square must be finite, too.
                 (0.0..=1000.0).contains(&self.standing_sigma),
                 ConfigError::StandingSigma,
+            ),
+            (self.lens_sigma.is_usable(), ConfigError::LensSigma),
+            (
+                (0.0..=0.5).contains(&self.survey_sigma.baseline)
+                    && (0.0..=1000.0).contains(&self.survey_sigma.position),
+                ConfigError::SurveySigma,
             ),
             (
                 (0.0..=1000.0).contains(&self.ball_radius),

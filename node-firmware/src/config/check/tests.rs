@@ -246,6 +246,26 @@ fn targets() {
         );
         assert_eq!(with_target(|t| t.ball_radius = sigma), Err(E::BallRadius));
     }
+    for wrong in [f32::NAN, -0.1, 0.6] {
+        assert_eq!(
+            with_target(|t| t.lens_sigma.focal = wrong),
+            Err(E::LensSigma)
+        );
+        assert_eq!(
+            with_target(|t| t.survey_sigma.baseline = wrong),
+            Err(E::SurveySigma)
+        );
+    }
+    for wrong in [f32::NAN, -0.1, 1e20] {
+        assert_eq!(
+            with_target(|t| t.lens_sigma.principal_deg = wrong),
+            Err(E::LensSigma)
+        );
+        assert_eq!(
+            with_target(|t| t.survey_sigma.position = wrong),
+            Err(E::SurveySigma)
+        );
+    }
     assert!(E::StandingSigma.to_string().contains("0 to 1000"));
     assert_eq!(with_target(|t| t.dwell_least_ms = 120_001), Err(E::Dwell));
 }

@@ -1,13 +1,16 @@
 //! What a camera learnt of its own pose (thesis 2.6.2).
 
 use calib_core::{
-    Limits, Pose, Refusal, Sighting,
+    Limits, Pose, Ray, Refusal, Sighting, angle,
     dead_reckoning::{Place, correlate},
     resection::{self, Solution},
 };
 
+use nalgebra::Vector3;
+
 use super::kept::{Kept, OfStop};
 use crate::{
+    config::LensSigma,
     facts::KeptSighting,
     limits::SIGHTINGS,
     message::{CameraState, FittingLens, MemberAddress, PoseParts, StopNumber},
@@ -85,9 +88,9 @@ impl Calibration {
         self.kept.iter().max_by_key(shared)
     }
 
-    /// The pose from all sightings, judged by these limits.
-    pub(super) fn solve(&self, limits: &Limits<f32>) -> Answer {
-        match self.solution(limits) {
+    /// The pose from all sightings, through a lens that is known so well, judged by these limits.
+    pub(super) fn solve(&self, limits: &Limits<f32>, lens_sigma: &LensSigma) -> Answer {
+        match self.solution(limits, lens_sigma) {
             Ok(answer) => answer,
             Err(Refusal::TooFew) => Answer {
                 state: CameraState::Waiting,
@@ -102,7 +105,7 @@ impl Calibration {
         }
     }
 
-    fn solution(&self, limits: &Limits<f32>) -> Result<Answer, Refusal> {
+    fn solution(&self, limits: &Limits<f32>, lens_sigma: &LensSigma) -> Result<Answer, Refusal> {
         let common = self.common().ok_or(Refusal::TooFew)?;
         let mut dropped = [false; SIGHTINGS];
         let dropped = dropped.get_mut(..self.kept.len()).unwrap_or_default();
@@ -110,7 +113,17 @@ impl Calibration {
         let solution = self.fitted(common, dropped)?;
         let pose = self.correlated(common, dropped, &solution.pose)?;
         let fit = solution.fit();
-        let covariance = pose.covariance * fit.inflation();
+        let mut covariance = pose.covariance * fit.inflation();
+        for (axis, sigma) in lens_sigma.of_tangent().into_iter().enumerate() {
+            if sigma > 0.0 {
+                let mut errors = [0.0; 2];
+                if let Some(error) = errors.get_mut(axis) {
+                    *error = sigma;
+                }
+                let moved = self.through(errors, common, dropped, &solution.pose)?;
+                covariance += moved * moved.transpose();
+            }
+        }
         let parts = PoseParts::from(Pose { covariance, ..pose });
         // What nobody would accept is not told.
         if !(parts.is_usable() && solution.chi_squared.is_finite()) {
@@ -129,6 +142,36 @@ impl Calibration {
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
+    }
+
+    /// By how much the pose moves where the lens's tangents are larger by this share, and by this much.
+    // for less stack
+    #[inline(never)]
+    fn through(
+        &self,
+        [focal, principal]: [f32; 2],
+        common: &KeptSighting,
+        dropped: &[bool],
+        pose: &Pose<f32>,
+    ) -> Result<Vector3<f32>, Refusal> {
+        let all = self.kept.iter().zip(dropped);
+        let used = all.filter(|(_, dropped)| !**dropped);
+        let seen: heapless::Vec<_, SIGHTINGS> = used
+            .map(|(kept, _)| {
+                let seen = sighting(kept, common);
+                let Ray { forward, left } = seen.ray;
+                Sighting {
+                    ray: Ray {
+                        forward,
+                        left: left * (1.0 + focal) + forward * principal,
+                    },
+                    ..seen
+                }
+            })
+            .collect();
+        let other = resection::solve(&seen)?.pose;
+        let moved = other.position - pose.position;
+        Ok(moved.push(angle::wrap_signed(other.heading - pose.heading)))
     }
 
     /// The pose that fits the sightings best, and which of them it leaves out.
@@ -264,7 +307,7 @@ mod tests {
             position: 0.3,
             heading: 1.0,
         };
-        calibration(seen, 0.0069).solve(&limits)
+        calibration(seen, 0.0069).solve(&limits, &LensSigma::EXACT)
     }
 
     fn calibration(seen: &[(f32, f32, f32)], sigma: f32) -> Calibration {

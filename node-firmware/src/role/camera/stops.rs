@@ -341,7 +341,9 @@ impl CameraRole {
             }
             return;
         }
-        let answer = self.calibration.solve(&self.config.weak.limits());
+        let answer = self
+            .calibration
+            .solve(&self.config.weak.limits(), &self.config.lens_sigma);
         let state = other_lens.unwrap_or(answer.state);
         let count = self.calibration.count();
         self.update(

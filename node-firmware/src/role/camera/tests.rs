@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Point2};
 use super::{reference::ReferenceStops, *};
 use crate::role::is_news;
 use crate::{
-    config::{Sigmas, Subjects},
+    config::{LensSigma, Sigmas, Subjects},
     limits::SIGHTINGS,
     message::{
         CONFIRMED, CameraState, Confirmation, CoordinateFrame, ProtectionLevel, References,
@@ -40,6 +40,7 @@ fn membership(pan: u16, short: u16) -> Attachment {
 
 fn config() -> CameraConfig {
     CameraConfig {
+        lens_sigma: LensSigma::EXACT,
         kind: crate::vision::CameraKind::Cmucam2,
         lens: Lens::pin_hole(88, 60.0),
         baud: 38_400,

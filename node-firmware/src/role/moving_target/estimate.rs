@@ -40,7 +40,7 @@ pub const WORKSPACE: usize = Capacity {
     bearings: WALK_BEARINGS,
     marks: 0,
 }
-.workspace();
+.workspace_with_lenses();
 
 /// What is done after each stop: what contradicts is left out, so much at most at a time; what the legs
 /// are worth is estimated, and what one wrong measurement could do.
@@ -414,16 +414,20 @@ impl<'m> Estimate<'m> {
         let Some(frame) = Frame::between(references, self.arrival.as_ref()) else {
             return;
         };
+        let frame = frame.surveyed(&config.survey_sigma);
         if self.frame == Some(frame) {
             return;
         }
         let Some((scale, compass)) = self.priors(&frame, config) else {
             return;
         };
+        let [focal, principal] = config.lens_sigma.of_tangent();
         let settings = JointSettings {
             scale,
             compass,
             standing: config.standing_sigma,
+            lens: Some(focal),
+            principal: Some(principal),
             ..JointSettings::default()
         };
         let [Some(first), Some(second)] = frame.references.map(|camera| self.number(camera)) else {

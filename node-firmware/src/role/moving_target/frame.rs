@@ -9,6 +9,7 @@ use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
 
 use crate::{
     arithmetic::root,
+    config::SurveySigma,
     message::{MemberAddress, StopNumber},
 };
 
@@ -69,6 +70,8 @@ pub(super) struct Frame {
     /// Lengths in the site over those in this frame.
     stretch: f32,
     errors: Errors,
+    /// How well the places that were given to references are known.
+    survey: SurveySigma,
 }
 
 /// What the way into the frame of the site errs by.
@@ -110,7 +113,19 @@ impl Frame {
             direction: RealField::atan2(between.y, between.x),
             stretch: 1.0,
             errors: Errors::References(sigmas),
+            survey: SurveySigma::EXACT,
         })
+    }
+
+    /// The same frame, of which the references' places were measured to within these. A target that brings its own
+    /// frame along does not rely on them, and places that were estimated have their sigmas already.
+    pub(super) fn surveyed(self, survey: &SurveySigma) -> Self {
+        let survey = if self.is_given() {
+            *survey
+        } else {
+            SurveySigma::EXACT
+        };
+        Self { survey, ..self }
     }
 
     /// The same cameras, and the frame of the site where the target says that it is: at its stop of arrival
@@ -147,6 +162,7 @@ impl Frame {
                 turned,
                 stretched,
             },
+            survey: SurveySigma::EXACT,
             ..frame
         }
     }
@@ -216,10 +232,13 @@ impl Frame {
         match &self.errors {
             Errors::References(sigmas) => {
                 let along = position.coords / self.baseline;
-                let [a, b] = sigmas.map(|sigma| sigma * sigma * 0.5);
+                let [a, b] = self.place_variances(sigmas);
                 let from_first = along.norm_squared();
                 let from_second = (along - Vector2::x()).norm_squared();
+                // A tape that is too long or too short stretches everything.
+                let stretched = self.turn() * position.coords * self.survey.baseline;
                 Matrix2::from_diagonal_element(from_second * a + from_first * b)
+                    + stretched * stretched.transpose()
             }
             Errors::Arrival {
                 stop,
@@ -241,11 +260,17 @@ impl Frame {
     pub(super) fn turned(&self) -> f32 {
         match self.errors {
             Errors::References(sigmas) => {
-                let [a, b] = sigmas.map(|sigma| sigma * sigma * 0.5);
+                let [a, b] = self.place_variances(&sigmas);
                 (a + b) / (self.baseline * self.baseline)
             }
             Errors::Arrival { turned, .. } => turned,
         }
+    }
+
+    /// Variances of the references' places, along each axis.
+    fn place_variances(&self, sigmas: &[f32; 2]) -> [f32; 2] {
+        let surveyed = self.survey.position * self.survey.position;
+        sigmas.map(|sigma| sigma * sigma * 0.5 + surveyed)
     }
 
     fn turn(&self) -> Matrix2<f32> {

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Point2};
 use super::{confirmations::SETTLE, *};
 use crate::network::NetworkIdentity;
 use crate::{
-    config::SensorConfig,
+    config::{LensSigma, SensorConfig, SurveySigma},
     message::{CameraState, PoseParts, Report, Seen, StopAnswer, TargetLocation},
 };
 
@@ -19,6 +19,8 @@ const fn at(seconds: u64) -> Instant {
 
 fn target() -> TargetRole<'static> {
     let config = TargetConfig {
+        lens_sigma: LensSigma::EXACT,
+        survey_sigma: SurveySigma::EXACT,
         colour: 0,
         still_after_ms: 1_000,
         systematic_heading_deg: OWN.to_degrees(),

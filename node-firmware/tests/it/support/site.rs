@@ -4,7 +4,7 @@ use std::{cell::RefCell, collections::BTreeMap, f64::consts::PI, rc::Rc};
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
+    config::{CameraConfig, LensSigma, SensorConfig, Sigmas, Subjects, SurveySigma, TargetConfig},
     message::{Duty, Reference, Seen, Sight},
     vision::{ColourWindow, Lens},
 };
@@ -133,6 +133,7 @@ pub fn camera_config(reference: Option<Duty>) -> CameraConfig {
         blue: [16, 80],
     };
     CameraConfig {
+        lens_sigma: LensSigma::EXACT,
         kind: node_firmware::vision::CameraKind::Cmucam2,
         lens: Lens::pin_hole(88, 60.0),
         baud: 38_400,
@@ -163,6 +164,8 @@ pub fn camera_config(reference: Option<Duty>) -> CameraConfig {
 
 pub fn target_config(colour: u8) -> TargetConfig {
     TargetConfig {
+        lens_sigma: LensSigma::EXACT,
+        survey_sigma: SurveySigma::EXACT,
         colour,
         still_after_ms: 1_500,
         systematic_heading_deg: 0.0,
