@@ -4,8 +4,8 @@ use calib_core::reference::Known;
 use nalgebra::Point2;
 use node_firmware::{
     config::{
-        CameraConfig, CheckedConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects,
-        TargetConfig,
+        CameraConfig, CheckedConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SiteKey,
+        Subjects, SurveySigma, TargetConfig,
     },
     limits::REFERENCE_STOPS,
     message::{Duty, Reference},
@@ -18,7 +18,9 @@ use super::{
     assume::Purpose,
     check::refuse,
     error::ScenarioError,
-    file::{NetworkTable, PlacedCamera, Scenario, TargetTable, orange},
+    file::{
+        BASELINE_SIGMA, NetworkTable, POSITION_SIGMA_M, PlacedCamera, Scenario, TargetTable, orange,
+    },
     firmware::{COLOUR_TOLERANCE, FirmwareTable},
 };
 use cmucam2_emulator::Rgb;
@@ -271,6 +273,7 @@ impl Maker<'_> {
             },
         };
         camera.baud = table.baud();
+        camera.lens_sigma = table.lens_sigma();
         let references = &self.network.references;
         let duty = match references.cameras.iter().position(|&id| id == placed.id) {
             Some(0) => Some(Duty::First),
@@ -302,7 +305,23 @@ impl Maker<'_> {
     fn target(&self, table: &TargetTable) -> TargetConfig {
         let colours = self.scenario.colours(self.network);
         let colour = colours.iter().position(|(c, _)| *c == table.colour);
+        // One for all cameras: that of the lens which is known least.
+        let sigmas = self.network.cameras.iter().map(|placed| {
+            let table = self.scenario.camera.for_camera(placed);
+            table.lens_sigma()
+        });
+        let lens_sigma = sigmas.fold(LensSigma::EXACT, |all, one| LensSigma {
+            focal: all.focal.max(one.focal),
+            principal_deg: all.principal_deg.max(one.principal_deg),
+        });
+        let references = &self.network.references;
+        let by_tape = POSITION_SIGMA_M / self.scenario.metres_per_unit();
         TargetConfig {
+            lens_sigma,
+            survey_sigma: SurveySigma {
+                baseline: references.baseline_sigma.unwrap_or(BASELINE_SIGMA) as f32,
+                position: references.position_sigma.unwrap_or(by_tape).min(1000.0) as f32,
+            },
             colour: colour.unwrap_or(0) as u8,
             roams: self
                 .scenario

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use calib_core::camera::Projection;
 use nalgebra::Point2;
-use node_firmware::vision::ColourWindow;
+use node_firmware::{config::LensSigma, vision::ColourWindow};
 use serde::{Deserialize, Serialize};
 
 use super::{event::ScriptedEvent, firmware::FirmwareTable, planner::Placement};
@@ -216,6 +216,12 @@ pub struct CameraTable {
     pub range: f64,
     /// The lens that nodes believe to have, where it is not the real one.
     pub model: ModelTable,
+    /// Standard deviation of the focal length that nodes believe, as a share of it; 0 if it is exact. Default:
+    /// [`FIELD_OF_VIEW_SIGMA`].
+    pub field_of_view_sigma: Option<f64>,
+    /// Standard deviation of the column of the optical axis that nodes believe, columns; 0 if it is exact. Default:
+    /// [`PRINCIPAL_SIGMA`].
+    pub principal_sigma: Option<f64>,
     /// Baud rate of the line between node and camera. Default: the firmware's.
     pub baud: Option<u32>,
     /// Noise of a pixel, standard deviation, levels. Default 2.
@@ -236,6 +242,8 @@ impl Default for CameraTable {
             field_of_view_deg: None,
             range: 8.0,
             model: ModelTable::default(),
+            field_of_view_sigma: None,
+            principal_sigma: None,
             baud: None,
             noise: 2.0,
             flicker: 0.01,
@@ -244,7 +252,32 @@ impl Default for CameraTable {
     }
 }
 
+/// Standard deviation of a focal length of which no more is known than what such cameras have, as a share of it.
+pub(crate) const FIELD_OF_VIEW_SIGMA: f64 = 0.05;
+/// Standard deviation of a column of the optical axis that was not measured, columns.
+pub(crate) const PRINCIPAL_SIGMA: f64 = 2.0;
+/// Standard deviation of a length by tape, as a share of it.
+pub(crate) const BASELINE_SIGMA: f64 = 0.01;
+/// Standard deviation of a place by tape, metres.
+pub(crate) const POSITION_SIGMA_M: f64 = 0.01;
+
 impl CameraTable {
+    /// How well a node is told that its lens is known.
+    pub(crate) fn lens_sigma(&self) -> LensSigma {
+        let lens = self.believed();
+        let view = f64::from(lens.field_of_view_deg).to_radians();
+        // Of the tangent, on the axis.
+        let column = match lens.projection {
+            Projection::PinHole => 2.0 * (view / 2.0).tan(),
+            Projection::EqualAngle => view,
+        } / f64::from(lens.columns.max(2) - 1);
+        let principal = self.principal_sigma.unwrap_or(PRINCIPAL_SIGMA) * column;
+        LensSigma {
+            focal: self.field_of_view_sigma.unwrap_or(FIELD_OF_VIEW_SIGMA) as f32,
+            principal_deg: principal.to_degrees().min(20.0) as f32,
+        }
+    }
+
     /// The real lens's.
     pub fn projection(&self) -> Projection {
         self.projection.unwrap_or(match self.variant {
@@ -577,6 +610,13 @@ pub struct ReferencesTable {
     /// Their distance as it was measured. Default: that of their places.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline: Option<f64>,
+    /// Standard deviation of that distance, as a share of it; 0 if it is exact. Default: [`BASELINE_SIGMA`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baseline_sigma: Option<f64>,
+    /// Standard deviation of each one's place along each axis, in the unit of the site; 0 if it is exact. Default:
+    /// [`POSITION_SIGMA_M`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_sigma: Option<f64>,
     /// It is known from where the step sensor's headings count. Default: true, unless the
     /// references are elected.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -101,6 +101,9 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
         area: Some([corner, corner.map(|low| low + size)]),
         references: ReferencesTable {
             cameras: [first as u16 + 1, first as u16 + 2],
+            // A grid is for many nodes, not for what a tape errs by.
+            baseline_sigma: Some(0.0),
+            position_sigma: Some(0.0),
             frame_of: (grid.one_frame && !is_first).then_some(1),
             ..ReferencesTable::default()
         },

@@ -1,6 +1,6 @@
 //! What a run's nodes measured, for whoever solves it again.
 
-use answers::record::sightings::{Bearing, Carrier, Leg, References, Sightings};
+use answers::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings};
 use node_firmware::config::RoleConfig;
 
 use super::{Simulation, console::Console, outcome::Numbers};
@@ -35,7 +35,18 @@ pub(super) fn sightings(
             standing_sigma: config.standing_sigma.into(),
         })
     });
+    let lens = network.targets.iter().find_map(|target| {
+        let RoleConfig::Target(config) = &simulation.config(target.id)?.role else {
+            return None;
+        };
+        let sigma = f64::from(config.lens_sigma.focal);
+        (sigma > 0.0).then_some(Lens {
+            sigma,
+            fov_deg: None,
+        })
+    });
     Sightings {
+        lens,
         references: network.home.is_none().then_some(References {
             cameras: references,
             baseline: network.known.baseline,

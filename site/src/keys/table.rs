@@ -114,6 +114,8 @@ pub const KEYS: &[Key] = &[
     key("network[].references.frame_of", Whole(1.0, MOST_NETWORKS, ": the number of a network that has references"), Is("none"), Both, "There are none: its cameras wait for the targets of that network, which bring its frame. `cameras` are then those in whose view the walk goes on."),
     key("network[].references.baseline_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told the distance of the two."),
     key("network[].references.baseline", LENGTH, Is("that of their `x` and `y`"), Nodes, "That distance as it was measured."),
+    key("network[].references.baseline_sigma", Number(0.0, 0.5, " of it"), Is("0.01"), Nodes, "Standard deviation of that distance: a tape. 0 promises that it is exact."),
+    key("network[].references.position_sigma", Number(0.0, 1000.0, " in the unit of the site"), Is("1 cm"), Nodes, "Standard deviation of the place of each along each axis. 0 promises that they are exact."),
     key("network[].references.frame_heading_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
     key("network[].references.compass_deg", DIRECTION, Is("the frame's x axis; 0 if not known"), Both, "That direction in the building."),
 
@@ -151,6 +153,8 @@ pub const KEYS: &[Key] = &[
     key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor of a CMUcam2: 88 columns or 160."),
     key("camera.baud", OneOf(&BAUD_RATES), Is("38400; 19200 of a Pixy2"), Both, "Baud rate that a CMUcam2's jumpers select, or that was set in a Pixy2."),
     key("camera.model", Table, Is("the real lens"), Nodes, "The lens that nodes believe to have, where it is not the real one."),
+    key("camera.field_of_view_sigma", Number(0.0, 0.5, " of the focal length"), Is("0.05"), Nodes, "Standard deviation of what is said of the lens: 0.02 by the sheet of that very lens. 0 promises that it is exact."),
+    key("camera.principal_sigma", Number(0.0, 50.0, " columns"), Is("2"), Nodes, "Standard deviation of the column of the optical axis. 0 promises that it is exact."),
     key("camera.range", LENGTH, Is("8"), Rehearsal, "How far cameras see."),
     key("camera.variant", Choice(&["cmucam2", "stage"]), Is("cmucam2"), Rehearsal, "How pictures come about: rendered and counted, or by a scan of equal angles as in Stage."),
     key("camera.noise", Number(0.0, 100.0, " levels"), Is("2"), Rehearsal, "Noise of a pixel, standard deviation."),

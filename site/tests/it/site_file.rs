@@ -3,8 +3,8 @@
 use nalgebra::Point2;
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, SiteKey, Subjects,
-        TargetConfig,
+        CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SensorConfig, SiteKey,
+        Subjects, SurveySigma, TargetConfig,
     },
     message::Duty,
     vision::{ColourWindow, Lens},
@@ -139,6 +139,16 @@ fn every_parameter_arrives() {
         dwell_least_ms: 1_500,
         dwell_most_ms: 90_000,
         roams: false,
+        // Of the lens of 160 columns and 61.5 degrees, of which one column is least; the other has 58 degrees
+        // and 88 columns of equal angles.
+        lens_sigma: LensSigma {
+            focal: 0.03,
+            principal_deg: 1.0,
+        },
+        survey_sigma: SurveySigma {
+            baseline: 0.02,
+            position: 0.04,
+        },
         sensor: SensorConfig {
             hard_iron: [1.0, 2.0, -3.0],
             step_length: 1.5,

@@ -232,6 +232,7 @@ impl<'a> Walk<'a> {
             },
             standing: self.carrier().standing_sigma,
             lens: self.sightings.lens.map(|lens| lens.sigma),
+            principal: None,
             limits: Limits {
                 position: position * baseline,
                 heading: heading_limit,
