@@ -217,10 +217,10 @@ pub struct CameraTable {
     /// The lens that nodes believe to have, where it is not the real one.
     pub model: ModelTable,
     /// Standard deviation of the focal length that nodes believe, as a share of it; 0 if it is exact. Default:
-    /// [`FIELD_OF_VIEW_SIGMA`].
+    /// the firmware's.
     pub field_of_view_sigma: Option<f64>,
     /// Standard deviation of the column of the optical axis that nodes believe, columns; 0 if it is exact. Default:
-    /// [`PRINCIPAL_SIGMA`].
+    /// 2.
     pub principal_sigma: Option<f64>,
     /// Baud rate of the line between node and camera. Default: the firmware's.
     pub baud: Option<u32>,
@@ -252,14 +252,8 @@ impl Default for CameraTable {
     }
 }
 
-/// Standard deviation of a focal length of which no more is known than what such cameras have, as a share of it.
-pub(crate) const FIELD_OF_VIEW_SIGMA: f64 = 0.05;
 /// Standard deviation of a column of the optical axis that was not measured, columns.
-pub(crate) const PRINCIPAL_SIGMA: f64 = 2.0;
-/// Standard deviation of a length by tape, as a share of it.
-pub(crate) const BASELINE_SIGMA: f64 = 0.01;
-/// Standard deviation of a place by tape, metres.
-pub(crate) const POSITION_SIGMA_M: f64 = 0.01;
+const PRINCIPAL_SIGMA: f64 = 2.0;
 
 impl CameraTable {
     /// How well a node is told that its lens is known.
@@ -272,8 +266,9 @@ impl CameraTable {
             Projection::EqualAngle => view,
         } / f64::from(lens.columns.max(2) - 1);
         let principal = self.principal_sigma.unwrap_or(PRINCIPAL_SIGMA) * column;
+        let given = self.field_of_view_sigma.map(|sigma| sigma as f32);
         LensSigma {
-            focal: self.field_of_view_sigma.unwrap_or(FIELD_OF_VIEW_SIGMA) as f32,
+            focal: given.unwrap_or(LensSigma::UNMEASURED.focal),
             principal_deg: principal.to_degrees().min(20.0) as f32,
         }
     }
@@ -610,11 +605,12 @@ pub struct ReferencesTable {
     /// Their distance as it was measured. Default: that of their places.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline: Option<f64>,
-    /// Standard deviation of that distance, as a share of it; 0 if it is exact. Default: [`BASELINE_SIGMA`].
+    /// Standard deviation of that distance, as a share of it; 0 if it is exact. Default: the
+    /// firmware's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline_sigma: Option<f64>,
     /// Standard deviation of each one's place along each axis, in the unit of the site; 0 if it is exact. Default:
-    /// [`POSITION_SIGMA_M`].
+    /// 1 cm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_sigma: Option<f64>,
     /// It is known from where the step sensor's headings count. Default: true, unless the

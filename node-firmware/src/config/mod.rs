@@ -157,6 +157,12 @@ impl LensSigma {
         principal_deg: 0.0,
     };
 
+    /// A lens of which no more is known than its field of view by the sheet of its kind.
+    pub const UNMEASURED: Self = Self {
+        focal: 0.05,
+        principal_deg: 1.2,
+    };
+
     /// The standard deviations of a bearing's tangent: of its scale, and of what is added to it.
     pub fn of_tangent(&self) -> [f32; 2] {
         [self.focal, self.principal_deg.to_radians()]
@@ -179,6 +185,12 @@ impl SurveySigma {
     pub const EXACT: Self = Self {
         baseline: 0.0,
         position: 0.0,
+    };
+
+    /// A tape, where the unit is the metre.
+    pub const TAPE: Self = Self {
+        baseline: 0.01,
+        position: 0.01,
     };
 }
 
@@ -338,7 +350,7 @@ impl CameraConfig {
                 heading_deg: 10.0,
             },
             sigma_floor_px: Patience::default().sigma_floor,
-            lens_sigma: LensSigma::EXACT,
+            lens_sigma: LensSigma::UNMEASURED,
         }
     }
 
@@ -392,8 +404,8 @@ impl Default for TargetConfig {
             dwell_least_ms: 2_000,
             dwell_most_ms: 120_000,
             roams: false,
-            lens_sigma: LensSigma::EXACT,
-            survey_sigma: SurveySigma::EXACT,
+            lens_sigma: LensSigma::UNMEASURED,
+            survey_sigma: SurveySigma::TAPE,
             sensor: SensorConfig::UNCALIBRATED,
         }
     }
