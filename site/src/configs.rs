@@ -18,9 +18,7 @@ use super::{
     assume::Purpose,
     check::refuse,
     error::ScenarioError,
-    file::{
-        BASELINE_SIGMA, NetworkTable, POSITION_SIGMA_M, PlacedCamera, Scenario, TargetTable, orange,
-    },
+    file::{NetworkTable, PlacedCamera, Scenario, TargetTable, orange},
     firmware::{COLOUR_TOLERANCE, FirmwareTable},
 };
 use cmucam2_emulator::Rgb;
@@ -315,11 +313,14 @@ impl Maker<'_> {
             principal_deg: all.principal_deg.max(one.principal_deg),
         });
         let references = &self.network.references;
-        let by_tape = POSITION_SIGMA_M / self.scenario.metres_per_unit();
+        let tape = SurveySigma::TAPE;
+        let by_tape = f64::from(tape.position) / self.scenario.metres_per_unit();
         TargetConfig {
             lens_sigma,
             survey_sigma: SurveySigma {
-                baseline: references.baseline_sigma.unwrap_or(BASELINE_SIGMA) as f32,
+                baseline: references
+                    .baseline_sigma
+                    .map_or(tape.baseline, |sigma| sigma as f32),
                 position: references.position_sigma.unwrap_or(by_tape).min(1000.0) as f32,
             },
             colour: colour.unwrap_or(0) as u8,

@@ -76,14 +76,24 @@ fn defaults_are_those_of_the_firmware() {
         blue: [16, 80],
     };
     let subjects = Subjects::Colours([orange].into_iter().collect());
+    // Two columns of such a lens.
+    let lens_sigma = LensSigma {
+        principal_deg: (2.0 * (2.0 * 23.5_f64.to_radians().tan() / 87.0)).to_degrees() as f32,
+        ..LensSigma::UNMEASURED
+    };
     let told = CameraConfig {
+        lens_sigma,
         may_be_elected: false,
         baseline: Some(10.0),
         frame_heading_deg: Some(0.0),
         ..CameraConfig::new(Lens::pin_hole(88, 47.0), subjects)
     };
     assert_eq!(camera(&network.cameras[2]), &told);
-    assert_eq!(target(&network.targets[0]), &TargetConfig::default());
+    let told = TargetConfig {
+        lens_sigma,
+        ..TargetConfig::default()
+    };
+    assert_eq!(target(&network.targets[0]), &told);
     let RoleConfig::Coordinator(coordinator) = &network.coordinator.role else {
         panic!("{network:?}");
     };
