@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use node_firmware::{
-    config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
+    config::{CameraConfig, LensSigma, SensorConfig, Sigmas, Subjects, SurveySigma, TargetConfig},
     console::{Frames, FromPc, ToPc},
     facts::Fact,
     message::{CommandResult, Duty, Message, Reference, Seen, Sight, Tracked},
@@ -90,6 +90,8 @@ const TARGET: TargetConfig = TargetConfig {
     dwell_least_ms: 2_000,
     dwell_most_ms: 20_000,
     roams: false,
+    lens_sigma: LensSigma::UNMEASURED,
+    survey_sigma: SurveySigma::TAPE,
     sensor: SensorConfig::UNCALIBRATED,
 };
 
@@ -120,6 +122,7 @@ fn camera(duty: Option<Duty>) -> CameraRole {
             heading_deg: 10.0,
         },
         sigma_floor_px: 0.1,
+        lens_sigma: LensSigma::UNMEASURED,
     };
     CameraRole::new(7, config)
 }

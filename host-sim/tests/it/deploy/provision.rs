@@ -298,6 +298,7 @@ fn a_file_sets_everything_and_options_stand_over_it() {
             heading_deg: 10.0,
         },
         sigma_floor_px: 0.25,
+        lens_sigma: node_firmware::config::LensSigma::UNMEASURED,
     };
     assert_eq!(*camera, expected);
 }
