@@ -330,7 +330,7 @@ impl Model for Gpio {
         }
     }
 
-    /// What is outside stays, and has been told what pins drove; it [goes on](Self::go_on) afterwards.
+    /// What is outside stays, and has been told what pins drove; it goes on afterwards.
     fn reset(&mut self) {
         *self = Self {
             changes: core::mem::take(&mut self.changes),
