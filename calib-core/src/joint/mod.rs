@@ -228,7 +228,7 @@ pub struct JointSettings<T> {
     /// camera looks. It is another one for each look, and not one of the way. Zero or above.
     pub standing: T,
     /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
-    /// takes [`workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
+    /// takes [`Capacity::workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
     pub lens: Option<T>,
     /// Sigmas up to which a camera takes part: those that all bearings together give it.
     pub limits: Limits<T>,
@@ -449,7 +449,7 @@ pub struct JointSolution<T> {
 pub enum JointError {
     /// The capacity for stops, or for bearings, or for visits, is used up. What was taken stays.
     Full,
-    /// There is less memory than two references need, or a smaller workspace than [`workspace`]
+    /// There is less memory than two references need, or a smaller workspace than [`Capacity::workspace`]
     /// says, or more stops or cameras than 16 bits count.
     Memory,
     /// There is no such stop, camera or mark.
