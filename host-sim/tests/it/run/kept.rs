@@ -164,6 +164,13 @@ fn signals(of: &Work, line: &str) -> u64 {
     u64::from_str_radix(mask.unwrap().trim(), 16).unwrap()
 }
 
+/// Returns true while a command waits.
+#[cfg(target_os = "linux")]
+fn is_asleep(work: &Work) -> bool {
+    let status = fs::read_to_string(format!("/proc/{}/status", work.0.id())).unwrap();
+    status.lines().any(|line| line == "State:\tS (sleeping)")
+}
+
 /// In such a line.
 #[cfg(target_os = "linux")]
 const INTERRUPT: u64 = 1 << (Signal::INT.as_raw() - 1);
@@ -275,8 +282,8 @@ fn a_sweep_that_is_interrupted_tells_of_the_runs_before() {
 #[cfg(target_os = "linux")]
 fn a_second_signal_ends_at_once() {
     let work = Work::new(&["run", "lab", "--speed", "0.000001x"]);
-    // The last signal that it begins to watch.
-    wait_until(|| signals(&work, "SigCgt:") & HANG_UP != 0);
+    // It watches, and sleeps until something happens in the network.
+    wait_until(|| signals(&work, "SigCgt:") & HANG_UP != 0 && is_asleep(&work));
     work.signal(Signal::INT);
     wait_until(|| (signals(&work, "ShdPnd:") | signals(&work, "SigPnd:")) & INTERRUPT == 0);
     work.signal(Signal::INT);
