@@ -19,12 +19,12 @@
 //!    weights to the pose's covariance, exact to first order, for the price of keeping the places
 //!    and `n^2` small products.
 //!
-//! Step 2 is what makes the covariance fair. To add the covariance at the first stop to the pose's
-//! instead is simpler and nearly right for few stops. But the walks between the stops are not
-//! independent; and a heading bias or a length scale turns or stretches the whole figure of the
-//! stops, and with it the camera's pose, however many stops there are. Over random stops in a 60
-//! degree view, with step errors that outweigh the bearings', the mean squared error in units of
-//! the covariance so predicted (NEES, 3 when fair, as that of `correlate` is in all of these) is
+//! Step 2 is what makes the covariance fair. It is simpler to add the covariance at the first stop to the
+//! pose's instead, and nearly right for few stops. But the walks between the stops are not independent; and a
+//! heading bias or a length scale turns or stretches the whole figure of the stops, and with it the camera's
+//! pose, however many stops there are. The table is for random stops in a 60 degree view, with step errors
+//! that outweigh the bearings'. It gives the mean squared error in units of the covariance so predicted
+//! (NEES; a fair one is 3, as that of `correlate` is in all of these):
 //!
 //! | stops | random step errors only | with as much systematic error |
 //! |---|---|---|

@@ -12,14 +12,14 @@ use crate::{
 
 /// One step: `P e^{j theta}` (thesis 2.6.1), with errors that no other step shares.
 ///
-/// What all steps share belongs to [`Systematic`].
+/// Errors that all steps share belong to [`Systematic`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Step<T> {
-    /// How far, in the unit of the world, zero or above.
+    /// Length, in the unit of the world, zero or above.
     pub distance: T,
-    /// Which way, radians counter-clockwise from the world's x axis; any finite value.
+    /// Direction, radians counter-clockwise from the world's x axis; any finite value.
     pub heading: T,
     /// Standard deviation of the distance, zero or above.
     pub distance_sigma: T,
@@ -187,7 +187,7 @@ pub struct Track<T: Real> {
     since_fix: Odometer<T>,
 }
 
-/// Why a step, a fix or a place was not taken. A track is as it was before.
+/// Reason why a step, a fix or a place was not taken. A track is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

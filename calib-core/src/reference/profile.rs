@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    /// What is known has no variance, and keeps none.
+    /// A known unknown has no variance, and keeps none.
     #[test]
     fn nothing_is_not_shortened() {
         let mut covariance = Matrix6::<f64>::zeros();
@@ -175,7 +175,7 @@ mod tests {
         assert_eq!(covariance, Matrix6::zeros());
     }
 
-    /// Where a covariance claims far too much along one unknown, it is left what the search by
+    /// Where a covariance claims far too much along one unknown, this unknown keeps what the search by
     /// quarters ends at, and its other unknowns keep theirs.
     #[test]
     fn a_claim_that_the_cost_refutes_is_shortened_to_a_step_of_the_search() {
