@@ -144,9 +144,9 @@ impl<T: Real> JointEstimator<'_, T> {
         }
     }
 
-    /// The stop that is missed least, so that another one has room: the one of whose cameras the least seen
-    /// has been seen most often, or one that no camera saw. Among equals it is the oldest; never the last
-    /// one. `None` where there are fewer than two.
+    /// The stop that is missed least, so that another one has room: the one whose least seen camera has been
+    /// seen most often, or one that no camera saw. Among equals it is the oldest; never the last one. `None`
+    /// where there are fewer than two.
     ///
     /// So no camera is forgotten because the target has long been elsewhere, and the references go on
     /// having what the frame takes.

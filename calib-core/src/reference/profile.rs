@@ -176,7 +176,7 @@ mod tests {
     }
 
     /// Where a covariance claims far too much along one unknown, this unknown keeps what the search by
-    /// quarters ends at, and its other unknowns keep theirs.
+    /// quarters ends at, and the other unknowns keep theirs.
     #[test]
     fn a_claim_that_the_cost_refutes_is_shortened_to_a_step_of_the_search() {
         let places = [(2.0, 3.0), (4.0, 2.5), (3.0, 4.5)];
