@@ -127,7 +127,7 @@ pub struct TargetRole<'m> {
     last_network: LastNetwork,
     track: Track<f32>,
     located: bool,
-    /// No step came since the sensor failed: after it is found, it may be elsewhere again.
+    /// No step came since the sensor failed: even if the target is found, it may be elsewhere by then.
     sensor_failed: bool,
     /// Direction of the sensor's x axis in the frame of the site, and its sigma.
     frame_heading: Option<(f32, f32)>,
