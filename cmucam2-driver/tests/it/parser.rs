@@ -466,8 +466,7 @@ proptest! {
     }
 }
 
-/// What an image of three columns and two rows counts: images, lines that were cut, bytes; and
-/// which tokens it makes.
+/// Counts of an image of three columns and two rows: images, lines that were cut, bytes; and its tokens.
 fn counted(image: ImageExpectation, bytes: &[u8]) -> ((u32, u32, u32), Vec<Token>) {
     let mut parser = Parser::new(Expectation {
         image,
