@@ -30,7 +30,7 @@
 //! a function into its callers, or their frames would add up, it is kept apart: `#[inline(never)]`
 //! "for less flash" or "for less stack" says which. Solvers work on slices of numbers ([`Method`] on up to
 //! six unknowns), so that a node has their code once instead of once for each number of unknowns;
-//! what is large is filled in place instead of moved.
+//! large values are filled in place instead of moved.
 //!
 //! # Example
 //! A camera of 88 columns and 60 degrees saw the target at three places.

@@ -22,7 +22,7 @@ pub struct Peek<S> {
 }
 
 impl<S> Peek<S> {
-    /// Of a UART with 8 data bits, no parity and one stop bit.
+    /// A peek over a UART with 8 data bits, no parity and one stop bit.
     pub fn new(serial: S) -> Self {
         Self { serial, byte: None }
     }

@@ -73,7 +73,7 @@ pub const BEARINGS_PER_RECORD: usize = 6;
 pub(crate) const STOP_RECORDS: u8 = limits::WALK_STOPS.div_ceil(STOPS_PER_RECORD) as u8;
 pub(crate) const BEARING_RECORDS: u8 = limits::WALK_BEARINGS.div_ceil(BEARINGS_PER_RECORD) as u8;
 
-/// One thing to remember. Written again, it replaces what was written under the same key.
+/// One thing to remember. Written again, it replaces the former one under the same key.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fact {
@@ -352,7 +352,7 @@ impl<F: NorFlash> FactStore<F> {
     }
 
     /// Remembers nothing from now on, and writes nothing: the flash does not serve, and the role goes on
-    /// with what it has in RAM.
+    /// with its facts in RAM.
     pub const fn abandon(&mut self) {
         self.is_abandoned = true;
     }

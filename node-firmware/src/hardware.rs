@@ -150,6 +150,6 @@ impl Buttons for () {
 pub enum Button {
     /// Coordinator: let new devices join for a while.
     JoinWindow,
-    /// Camera: learn the colour of what is in the middle of the view.
+    /// Camera: learn the colour of the object in the middle of the view.
     LearnColour,
 }

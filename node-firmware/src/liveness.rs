@@ -58,7 +58,7 @@ pub struct Liveness {
 }
 
 impl Liveness {
-    /// Of a node that started for this reason.
+    /// Liveness of a node that started for this reason.
     pub const fn new(restart: Restart) -> Self {
         Self {
             restart,

@@ -40,7 +40,7 @@ pub trait Network {
         receipt: Receipt,
     ) -> Result<Self::Ticket, PostError>;
 
-    /// Waits for what happens next. Cancel-safe: what was not returned is told next time. `known` is
+    /// Waits for the next event. Cancel-safe: an event that was not returned is told next time. `known` is
     /// the attachment that the caller knows.
     fn happened(
         &self,

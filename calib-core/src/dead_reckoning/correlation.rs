@@ -12,10 +12,10 @@ use crate::{
 /// The same pose with the covariance that it has when the stops err together, as their places say.
 ///
 /// `pose` is the weighted least squares answer to the sightings, one of each stop;
-/// `target_covariance` of each is what it was weighted by, and counts for nothing else here. With
-/// `G_i` the pose's response to the place of stop `i`, `C_ii` from [`Place::covariance`] and `C_ij`
-/// from [`Place::covariance_with`], the result is `sum G_i C_ij G_j^T`, plus what the bearings' own
-/// errors make: the usual propagation of covariance through a linearised estimator. Exact to first
+/// `target_covariance` of each is its weight there, and counts for nothing else here. With `G_i` the pose's
+/// response to the place of stop `i`, `C_ii` from [`Place::covariance`] and `C_ij` from
+/// [`Place::covariance_with`], the result is `sum G_i C_ij G_j^T`, plus the part of the bearings' own errors:
+/// the usual propagation of covariance through a linearised estimator. Exact to first
 /// order, whatever the weights.
 ///
 /// Stops may come in any order, from several fixes, and of several walks: `is_one_walk` tells

@@ -1,7 +1,7 @@
 //! Where is the target after some more steps, and how sure is that?
 //!
 //! A [`Track`] adds [`Step`]s to a place (thesis 2.1, 2.2: "the size and heading of each step") and
-//! keeps the covariance of the result, including what the errors of different stops have in common.
+//! keeps the covariance of the result, including the common errors of different stops.
 //! Steps come from whatever counts them: sensors worn by a person (the crate `pedestrian`), a step
 //! counter of another make, a robot's odometry.
 //!
@@ -11,7 +11,7 @@
 //! [`Place`] of a stop, which goes to the cameras in a message.
 //!
 //! All stops of one walk inherit the errors made before them. So for a resection from several:
-//! 1. Weight each sighting by what its place does not share with the *first* of the stops
+//! 1. Weight each sighting by the part of its place's error that it does not share with the *first* stop
 //!    ([`Place::own_covariance`] for
 //!    [`Sighting::target_covariance`](crate::Sighting::target_covariance)). It is positive
 //!    semi-definite whatever the walk.

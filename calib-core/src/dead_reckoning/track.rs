@@ -64,8 +64,8 @@ impl<T: Real> Step<T> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Systematic<T> {
     /// Standard deviation of the constant part of the heading error, radians: declination,
-    /// misalignment of the sensor on the body, what is left of hard iron. Default 0.05 (3 degrees),
-    /// about what a sensor strapped on by eye and a calibrated compass leave.
+    /// misalignment of the sensor on the body, the rest of hard iron. Default 0.05 (3 degrees), about as much
+    /// as a sensor strapped on by eye and a calibrated compass leave.
     pub heading_sigma: T,
     /// Standard deviation of the constant relative error of step lengths. Default 0.08: a step
     /// length model that was not calibrated for the person. About 0.03 after a walk of known length,
@@ -359,7 +359,7 @@ impl<T: Real> Track<T> {
     }
 
     /// The way from an earlier copy of this track to here, by the steps alone. None if the target
-    /// was found in between: what was walked before a fix is forgotten with it.
+    /// was found in between: a fix makes it forget the way before.
     pub fn since(&self, earlier: &Self) -> Option<Displacement<T>> {
         if self.fixes != earlier.fixes {
             return None;

@@ -13,7 +13,7 @@ use crate::{
     numerics::real::{lit, root},
 };
 
-/// Sigmas of belief and estimate together beyond which a lens is not what it was said to be.
+/// Sigmas of belief and estimate together beyond which a lens is not the stated one.
 const WRONG_LENS: f64 = 4.0;
 
 impl<T: Real> Problem<'_, T> {

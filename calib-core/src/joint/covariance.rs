@@ -1,4 +1,4 @@
-//! Covariances of cameras and of what is measured, from that of what is kept.
+//! Covariances of cameras and of measurements, from that of the kept unknowns.
 //!
 //! The step of a camera is `R^-1 (z - Q^T J dx)`: its own part, which the rows give for known places, and the
 //! part by which places move it. So with the covariance `D` of places its own is `R^-1 N R^-T`, `N = 1 + Q^T

@@ -73,7 +73,7 @@ enum Doing<T> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Lets in what cameras it can, and settles; then those with exactly three bearings.
+    /// Lets in all cameras that it can, and settles; then those with exactly three bearings.
     pub(super) fn begin_settling(&mut self) -> Settling<T> {
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;

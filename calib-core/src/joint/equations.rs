@@ -1,4 +1,4 @@
-//! One pass: the measurements around the present estimates, as normal equations of what is kept.
+//! One pass: the measurements around the present estimates, as normal equations of the kept unknowns.
 //!
 //! No measurement ties two cameras to each other, so each camera's block of unknowns is eliminated by itself.
 //! Its rows `[j | J]`, of its own unknowns and of places, are rotated into a small triangle `R`. With `q =
@@ -88,7 +88,7 @@ impl Layout {
 
 /// The workspace.
 pub(super) struct Parts<'a, T> {
-    /// Of what is kept: the equations, their factor or its covariance.
+    /// The equations of the kept unknowns, their factor or its covariance.
     pub kept: Kept<'a, T>,
     /// Vectors as long as that.
     pub vectors: &'a mut [T],
@@ -115,7 +115,7 @@ pub(super) struct Line<'a, T: Real> {
     pub by_place: Vector2<T>,
     /// Residual, or leverage.
     pub number: T,
-    /// Its row's part of the camera's unknowns, in units of what all rows together say.
+    /// Its row's part of the camera's unknowns, in units of the information of all rows together.
     pub q: &'a [T],
 }
 
@@ -448,7 +448,7 @@ impl<T: Real> Problem<'_, T> {
         STOPS + 2 * (self.stops.len() + mark)
     }
 
-    /// From steps of places to errors of legs, with what these and the priors say.
+    /// From steps of places to errors of legs, with the information of these and of the priors.
     fn add_legs(&self, parts: &mut Parts<'_, T>) -> Option<T> {
         let mut cost = T::zero();
         for later in (1..self.stops.len()).rev() {
@@ -482,7 +482,7 @@ impl<T: Real> Problem<'_, T> {
         Some(cost)
     }
 
-    /// Of the leg to a stop; where nothing was measured, the step itself.
+    /// Way of the leg to a stop; where nothing was measured, the step itself.
     fn way(&self, later: usize) -> Option<Way<T>> {
         let (zero, one) = (T::zero(), T::one());
         let Some([first, second]) = self.leg_rows(later) else {

@@ -267,7 +267,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// Forgets all measurements and what came of them. References, priors and limits stay.
+    /// Forgets all measurements and their results. References, priors and limits stay.
     pub fn clear(&mut self) {
         self.work = Work::new();
         self.counted = [0; 3];
@@ -506,7 +506,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         solved.map(|_| ())
     }
 
-    /// A round that does not solve first, of what is solved.
+    /// A round that does not solve first, with the present solution.
     fn finish_solved(&mut self, round: Round) -> Result<Finished<T>, JointError> {
         self.solved().map_err(JointError::Solve)?;
         let (work, mut problem) = self.work();
@@ -694,7 +694,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(self.work().1)
     }
 
-    /// Counts what came since the last round began.
+    /// Counts the measurements that came since the last round began.
     fn count(&mut self) {
         let [stops, _, visits] = self.counted;
         self.counted = [self.stops.len, self.sights.len, self.visits.len];

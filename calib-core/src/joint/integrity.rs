@@ -37,7 +37,7 @@ const NOISE: f64 = 3.09;
 const LEAST_REDUNDANCY: f64 = 1e-4;
 /// Bearings of a camera, one after the other, that are off: it is no longer what it was.
 pub(super) const IN_A_ROW: usize = 2;
-/// Odds of a bearing that is to the bit what its camera saw before, and the target has moved.
+/// Odds of a bearing that repeats the camera's last one to the bit, although the target has moved.
 const OF_REPEATED: f64 = 2.0;
 /// Odds of a leg: where it and a bearing explain the same, the loss is less without the bearing.
 const OF_LEG: f64 = 0.95;
@@ -90,7 +90,7 @@ pub(super) struct Survey<T> {
     single: Option<(Finding<T>, T)>,
     /// The leg that may be to blame for a suspect, and its chi squared.
     leg: Option<(usize, T)>,
-    /// Of the legs: the sum of their squared residuals, in claimed sigmas, and what it averages.
+    /// The sum of the legs' squared residuals, in claimed sigmas, and its expectation.
     squares: T,
     redundancy: T,
     /// The next step once all measurements were looked at: the last sights of this camera.
@@ -378,7 +378,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Leaves out what was found. A camera whose last bearings are all off is no longer what it was, or the
+    /// Leaves out a finding. A camera whose last bearings are all off is no longer as it was, or the
     /// way to where it saw them was not as measured: then nothing is left out for good yet, and the next
     /// surveys tell.
     pub(super) fn leave_out(&mut self, found: Finding<T>) -> Option<Finding<T>> {

@@ -9,7 +9,7 @@
 //! [`remove_stop`](JointEstimator::remove_stop) drops a stop's bearings and makes one leg of the two
 //! that meet there. Displacements and their covariances add up, in the frame of the carrier whose scale and
 //! compass both share. So nothing but the bearings is lost: the sum says of all other stops what the two legs
-//! said. Sigmas grow by what the bearings were worth.
+//! said. Sigmas grow by the worth of the bearings.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -148,8 +148,8 @@ impl<T: Real> JointEstimator<'_, T> {
     /// seen most often, or one that no camera saw. Among equals it is the oldest; never the last one. `None`
     /// where there are fewer than two.
     ///
-    /// So no camera is forgotten because the target has long been elsewhere, and the references go on
-    /// having what the frame takes.
+    /// So no camera is forgotten because the target has long been elsewhere, and the references keep the
+    /// sightings that the frame needs.
     pub fn least_missed(&self) -> Option<usize> {
         let fewest = |stop: usize| {
             let sights = self.sights.all().iter();

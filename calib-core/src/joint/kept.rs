@@ -1,4 +1,4 @@
-//! Symmetric equations of what is kept, packed: factored, solved and inverted where they are.
+//! Symmetric equations of the kept unknowns, packed: factored, solved and inverted in place.
 //!
 //! Half of the matrix is there, row after row up to the diagonal. Cholesky's factor takes its place, then
 //! the inverse takes that of the factor, so there is never a second one. Golub and Van Loan, "Matrix
@@ -227,9 +227,9 @@ impl<'a, T: Real> Kept<'a, T> {
         }
     }
 
-    /// The inverse in place of the factor: row after row that of the factor itself, then the product of this with
-    /// its transpose. Unknowns that were dropped have zeros. Two rows go in at a time, so that what they go into
-    /// is read and written half as often.
+    /// The inverse in place of the factor: row after row that of the factor itself, then the product of this
+    /// with its transpose. Unknowns that were dropped have zeros. Two rows go in at a time, so that their
+    /// target is read and written half as often.
     #[inline(never)]
     pub(super) fn invert(&mut self) -> Option<()> {
         for i in 0..self.rows {

@@ -45,7 +45,7 @@
 //! scale, plus noise of the covariance that the caller gives. A range is `|p - c|` plus noise. A visit to a
 //! mark says that a place is that of the mark, which is unknown too: visited twice, it closes a loop.
 //!
-//! # What contradicts
+//! # Contradictions
 //! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest most,
 //! names it, and solves without it; it comes back if it agrees later. A camera that was moved is [another
 //! one](JointEstimator::split) from then on, with a pose of its own; references are watched like all others,
@@ -186,7 +186,7 @@ impl Capacity {
     }
 }
 
-/// An unknown that is not determined by what was measured.
+/// An unknown that the measurements do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -228,7 +228,7 @@ pub struct JointSettings<T> {
     /// is another error for each look, and not one of the way. Zero or above.
     pub standing: T,
     /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
-    /// takes [`workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
+    /// takes [`workspace_with_lenses`]. `None`, or zero, if the stated lenses are right.
     pub lens: Option<T>,
     /// Sigmas up to which a camera takes part: those that all bearings together give it.
     pub limits: Limits<T>,
@@ -345,13 +345,13 @@ pub struct BearingResidual<T> {
 pub struct LegResidual<T> {
     /// The stop that it leads to.
     pub stop: usize,
-    /// Chi squared of what is checked of it.
+    /// Chi squared of its checked directions.
     pub chi_squared: T,
     /// Number of checked directions: 2, 1, or 0 for a leg that nothing checks.
     pub degrees_of_freedom: usize,
     /// The sum of its squared residuals, each over the sigma that the leg claims.
     pub squared: T,
-    /// Mean of that sum: the sum of its redundancy numbers, 0 to 2.
+    /// Expectation of that sum: the sum of its redundancy numbers, 0 to 2.
     pub redundancy: T,
     /// Standing of the leg: counted or left out.
     pub standing: Standing,
@@ -415,7 +415,7 @@ pub struct ProtectionLevels<T> {
 }
 
 impl<T: Real> Default for ProtectionLevels<T> {
-    /// Against nothing.
+    /// Protection against nothing.
     fn default() -> Self {
         let zero = T::zero();
         Self {
@@ -432,7 +432,7 @@ impl<T: Real> Default for ProtectionLevels<T> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct JointSolution<T> {
-    /// Of all measurements that count.
+    /// Fit of all measurements that count.
     pub fit: Fit<T>,
     /// Cameras that have a pose, references included.
     pub cameras: usize,
@@ -446,14 +446,14 @@ pub struct JointSolution<T> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum JointError {
-    /// The capacity for stops, or for bearings, or for visits, is used up. What was taken stays.
+    /// The capacity for stops, or for bearings, or for visits, is used up. The measurements so far stay.
     Full,
     /// There is less memory than two references need, or a smaller workspace than [`workspace`]
     /// says, or more stops or cameras than 16 bits count.
     Memory,
     /// There is no such stop, camera or mark.
     Unknown,
-    /// This camera is not free to be what another one became.
+    /// This camera is not free to be the successor of another one.
     Taken,
     /// A number is not finite, a sigma is not above zero or a covariance is not positive definite.
     NotFinite,

@@ -50,9 +50,9 @@ pub struct Stop<T: Real> {
     pub(super) tag: StopTag,
     /// The step of its place.
     pub(super) step: Vector2<T>,
-    /// Of the leg that leads there: covariance `xx, xy, yy` of its two whitened rows.
+    /// Leverage of the leg that leads there: covariance `xx, xy, yy` of its two whitened rows.
     pub(super) leverage: [T; 3],
-    /// It can be moved, or what the leg measures, and nothing contradicts.
+    /// It can be moved, or the leg's measurement, and nothing contradicts.
     pub(super) is_undetermined: bool,
     pub(super) is_leg_undetermined: bool,
 }
@@ -257,7 +257,7 @@ pub(super) struct Suspect<T> {
     pub camera: u16,
     /// The first stop at which it is off.
     pub from: u16,
-    /// The leg that is left out to see whether that explains it, and what it was off as chi squared.
+    /// The leg that is left out to see whether that explains it, and its error as chi squared.
     pub leg: Option<(u16, T)>,
 }
 
@@ -270,7 +270,7 @@ pub(super) struct Problem<'a, T: Real> {
     pub cameras: &'a mut [Unknown<T>],
     pub marks: &'a mut [Unknown<T>],
     pub workspace: &'a mut [T],
-    /// Of all unknowns together, instead of what is kept.
+    /// Solver of all unknowns together, instead of the kept ones.
     pub solver: Option<&'a mut dyn Solver<T>>,
 }
 

@@ -66,7 +66,7 @@ impl<'a, T: Real> Triangle<'a, T> {
         }
     }
 
-    /// The right side, of what is determined.
+    /// The right side of the determined unknowns.
     pub(super) fn right_side(&self, right: &mut [T]) {
         for (i, to) in right.iter_mut().enumerate() {
             *to = self.row(i).last().copied().unwrap_or_else(T::zero);
@@ -140,7 +140,7 @@ impl<'a, T: Real> Triangle<'a, T> {
         }
     }
 
-    /// Returns true if the pivot of an unknown is more than rounding of what all rows say about it.
+    /// Returns true if the pivot of an unknown is more than the rounding of all rows' information about it.
     fn is_determined(&self, i: usize) -> bool {
         let square = |j: usize| {
             let entry = self.row(j).get(i.saturating_sub(j)).copied();

@@ -357,7 +357,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// For a test of a camera's last sights: the covariance of its unknowns, and with each of its sights' lines
-    /// what a place and they have in common.
+    /// the common error of a place and these.
     pub(super) fn whole_inner(&mut self, camera: usize) -> Option<Block<T>> {
         self.with_solver(|problem, solver| {
             let unknowns = problem.unknowns();

@@ -14,7 +14,7 @@ pub trait Real: RealField + Copy {
 impl Real for f32 {
     /// In single precision throughout: libraries compute these in double precision, which a
     /// Cortex-M4F has to emulate. Off by no more than 1e-7, from
-    /// 10,000 on by what the angle's last digit is worth.
+    /// 10,000 on by the worth of the angle's last digit.
     #[inline(never)] // for less flash
     fn sine_cosine(self) -> (Self, Self) {
         // A quarter turn in parts so short that their multiples up to 8192 are exact (reduction

@@ -9,7 +9,7 @@
 //! # Why not the thesis's equations
 //! The six residuals in print (kept in this crate's tests) determine four of their six unknowns only: the
 //! measured displacement has cancelled from them, so every pair of headings solves them perfectly.
-//! Here the displacement is what it was measured for. Bearings of `n` stops are `2 n` equations;
+//! Here the displacement serves its purpose. Bearings of `n` stops are `2 n` equations;
 //!
 //! | known | unknown | stops |
 //! |---|---|---|
@@ -120,7 +120,7 @@ pub struct ReferenceSolution<T: Real> {
     /// Distance between the cameras.
     pub baseline: T,
     /// Covariance of `(heading 0, heading 1, first x, first y, frame heading, baseline)`. Rows and
-    /// columns of what was known are zero.
+    /// columns of known values are zero.
     pub covariance: Matrix6<T>,
     /// Sum of the squared residuals, each over its variance.
     pub chi_squared: T,

@@ -18,7 +18,7 @@ use crate::{
     },
 };
 
-/// Shortens the covariance's weakest direction to what the profile of the cost allows.
+/// Shortens the covariance's weakest direction to the length that the profile of the cost allows.
 #[inline(never)] // for less stack
 pub(super) fn bound<T: Real>(
     problem: &Bearings<'_, T>,
@@ -86,7 +86,7 @@ fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
 /// The unit vector along another one; none along zero.
 fn normalised<T: Real>(mut vector: Vector6<T>) -> Option<Vector6<T>> {
     let length = dot(vector.as_slice(), vector.as_slice()).sqrt();
-    // Also none along what is not a number.
+    // Also none along a vector that is not a number.
     if !(length > T::zero()) {
         return None;
     }

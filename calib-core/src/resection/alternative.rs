@@ -124,7 +124,7 @@ impl<T: Real> Circle<'_, T> {
         for sighting in kept(self.sightings, self.dropped) {
             let to_target = sighting.target - place;
             let row = Row::new(sighting, to_target);
-            // The heading that this sighting alone asks for, against what the first one does.
+            // The heading that this sighting alone asks for, against that of the first one.
             let heading = mul_conj(to_target, sighting.ray.vector());
             let reference = *first.get_or_insert(heading);
             let residual = cross(reference, heading).atan2(dot(reference, heading));
@@ -150,7 +150,7 @@ fn weakest_direction<T: Real>(pose: &Pose<T>) -> Vector2<T> {
     let c = &pose.covariance;
     let half = (c.m11 - c.m22) * lit(0.5);
     let radius = root(half * half + c.m12 * c.m12);
-    // Of the two vectors along it, the one that is no small difference.
+    // The one of the two vectors along it that is no small difference.
     let along = if half >= T::zero() {
         Vector2::new(half + radius, c.m12)
     } else {

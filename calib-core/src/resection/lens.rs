@@ -241,7 +241,7 @@ pub fn solve_with_lens<T: Real>(
 
 /// Sightings that tell another lens from one wrong sighting: a pose, a lens, and one beyond.
 const WITNESSED: usize = 5;
-/// Of a lens of which nothing is known.
+/// Relative sigma of a lens of which nothing is known.
 const ANY_LENS_SIGMA: f64 = 0.2;
 /// A right lens is worse than the best one by more once in 100,000: 4.42 sigmas.
 const NOT_CHANCE: f64 = 19.5;

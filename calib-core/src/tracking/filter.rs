@@ -1,4 +1,4 @@
-//! One object: place, velocity, and what its errors share with those of the cameras' poses.
+//! One object: place, velocity, and its common errors with the cameras' poses.
 
 use nalgebra::{Matrix2, Matrix4, Matrix4x3, Point2, SMatrix, SVector, Vector2, Vector3, Vector4};
 

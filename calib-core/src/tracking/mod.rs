@@ -19,7 +19,7 @@
 //!
 //! # New objects
 //! A look that no object explains is kept for half a second. Where the looks of two cameras meet, or where a
-//! range ends, a *candidate* begins. Of two cameras that see two objects each, four candidates come,
+//! range ends, a *candidate* begins. From two cameras that see two objects each, four candidates come,
 //! two of them ghosts. A candidate becomes an object once it explained enough looks, which are those of
 //! three cameras or more, or have a range, or were explained by no other candidate. From then on its looks
 //! are its own, and the ghosts that had a part in them get no more. Two cameras alone that see two objects

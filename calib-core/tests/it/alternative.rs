@@ -61,7 +61,7 @@ impl Layout {
 /// A camera's sightings, with noise as their sigmas say, and the results from them.
 struct Case {
     truth: Truth,
-    /// Of the targets, on average.
+    /// Mean distance of the targets.
     range: f64,
     sightings: Vec<Sighting<f64>>,
     solution: Solution<f64>,

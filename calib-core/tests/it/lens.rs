@@ -11,7 +11,7 @@ use test_support::{Random, Truth, chi_squared_band, generator, normal, turn};
 
 const SIGMA: f64 = 0.002;
 const PRIOR: f64 = 0.02;
-/// Of a column that was rounded to a whole one.
+/// Sigma of a column that was rounded to a whole one.
 const PIXEL: f64 = 0.288_675;
 
 /// Sightings whose rays come from a lens that is `stretch` off, and the truth.

@@ -151,7 +151,7 @@ proptest! {
         }
     }
 
-    /// Of measurements that are noisy and of stops that may be poor, but that make sense.
+    /// For measurements that are noisy and stops that may be poor, but that make sense.
     #[test]
     fn covariances_are_covariances(
         seed: u64,
@@ -487,7 +487,7 @@ fn refusals() {
     }
 }
 
-/// `f32` solves what `f64` does.
+/// `f32` solves the same scenes as `f64`.
 #[test]
 fn single_precision() {
     for seed in 0..200 {

@@ -240,7 +240,7 @@ proptest! {
         }
     }
 
-    /// Own parts and shared part are covariances, whatever the walk, and so is what joins two.
+    /// Own parts and shared part are covariances, whatever the walk, and so is their joint one.
     #[test]
     fn every_covariance_is_one(steps in prop::collection::vec(any_step(), 2..40), cut in 0_usize..40) {
         let mut track = Track::start(

@@ -305,7 +305,7 @@ fn ghosts_die() {
                     "{seed} {used}: a ghost at {off:?}"
                 );
             }
-            // Two cameras cannot tell: they say nothing rather than what is wrong.
+            // Two cameras cannot tell: they say nothing rather than something wrong.
             let expected = if used == 3 { 2 } else { 0 };
             assert_eq!(found.len(), expected, "{seed}, {used} cameras");
         }
@@ -892,7 +892,7 @@ fn two_in_an_office_of_20_cameras() {
         let told = format!("{place} {turn}: rms {rms:.3}, bound {bound:.3}, {all:?}");
         println!("{told}");
         assert!(rms < worst * bound && rms > 0.8 * bound, "{told}");
-        // Of 40 walks of 50 s each.
+        // In 40 walks of 50 s each.
         assert!(all.breaks <= 4, "{told}");
         assert!(all.ghosts * 500 < all.moments, "{told}");
         assert!(all.missing * 200 < all.moments, "{told}");

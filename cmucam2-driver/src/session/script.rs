@@ -164,7 +164,7 @@ impl Task {
         false
     }
 
-    /// The camera restarted, perhaps after it had carried out what was `asked`. A script begins again.
+    /// The camera restarted, perhaps (`asked`) after it had carried out the command. A script begins again.
     pub(super) fn on_restart(
         &mut self,
         asked: bool,

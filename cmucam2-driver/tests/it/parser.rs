@@ -518,7 +518,7 @@ fn a_row_is_intact_by_itself() {
     }
 }
 
-/// An image whose end is missing ends before what follows, of which nothing is lost.
+/// An image whose end is missing ends before the next token, of which nothing is lost.
 #[test]
 fn an_image_without_its_end_loses_nothing_else() {
     let rows = ImageExpectation::Tracking(TrackingLines::Rows);

@@ -82,7 +82,7 @@ pub trait Role {
     /// [`restore`](Self::restore), and again when the flash fails.
     fn on_node(&mut self, now: Instant, memory: Memory, restart: Restart);
 
-    /// Computes what needs time and stack. Call it after the others and before [`poll`](Self::poll),
+    /// Does computations that need time and stack. Call it after the others and before [`poll`](Self::poll),
     /// from where little of the stack is in use.
     fn compute(&mut self, _now: Instant) {}
 

@@ -19,7 +19,7 @@ const RETRY_DOUBLINGS: u8 = 4;
 
 /// The name of a message that a role may have to tell, and of its receiver.
 pub(crate) trait Notification: Copy + PartialEq {
-    /// Of those that are due the lowest is sent first, and of equal ones the one that was promised first.
+    /// The lowest one that is due is sent first; among equals, the one that was promised first.
     fn priority(self) -> u8;
 }
 

@@ -265,7 +265,7 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
             shown = Some(indication);
         }
 
-        // What happens.
+        // The next event.
         let deadline = whichever!(&any, driver => driver.deadline());
         let happened = pin!(network.happened(attachment));
         let devices = poll_fn(

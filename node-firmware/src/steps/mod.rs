@@ -105,7 +105,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
                     return Ok(Ok(step));
                 }
                 Ok(None) => {}
-                // What a chip measures is usable, and a later sample is later.
+                // A chip's measurement is usable, and a later sample is later.
                 Err(error) => debug_assert!(false, "{error}"),
             }
         }

@@ -174,7 +174,7 @@ pub(super) struct Session {
     wait_until: Option<Instant>,
     running: Running,
     buffer: [u8; WORDS as usize * WORD],
-    /// Of the last sample.
+    /// Time of the last sample.
     time_us: u64,
     extent: Extent,
     reports: u8,

@@ -237,7 +237,7 @@ fn a_dead_line_is_survived() {
 }
 
 /// A camera that lost its power streams where poll mode was set. The driver sets all again, but
-/// gain and white balance are no longer what they were, so it is started up.
+/// gain and white balance have changed, so it is started up.
 #[test]
 fn a_restart_within_a_look_is_survived() {
     const SEEN: &str = "ACK\rT 44 70 40 60 48 77 20 201\r:";
@@ -270,7 +270,7 @@ fn a_restart_within_a_look_is_survived() {
     let (mut sight, line) = sight(script, 88);
     wait(sight.start_up()).unwrap();
     let camera = Lens::pin_hole(88, 45.0).camera().unwrap();
-    // Of the middle between its edges.
+    // The direction of the middle between its edges.
     let expected = camera.bearing(43.0);
     let mut judge = Judge::new(camera, Patience::default(), Shape::Any);
     let seen = wait(look(&mut sight, Subject::Colour(ORANGE), &mut judge));

@@ -405,7 +405,7 @@ fn rot_is_survived() {
         let mut flash = whole.copy();
         let slot = round % slots;
         for _ in 0..rng.random_range(2..20) {
-            // But for the key, which tells what is lost.
+            // All but the key, which tells the fact that is lost.
             let at = bank(&whole) + slot * SLOT + rng.random_range(2..SLOT);
             flash.bytes_mut()[at] ^= 1 << rng.random_range(0..8);
         }

@@ -438,7 +438,7 @@ fn the_second_reference_gets_its_pose_after_a_restart_of_the_first() {
     net.check_poses(same, 4.5);
 }
 
-/// Of three cameras the first never reports; the coordinator restarts twice, and one of the others has news
+/// The first of three cameras never reports; the coordinator restarts twice, and one of the others has news
 /// in between. The last record of each is known.
 #[test]
 fn a_table_with_gaps_survives_restarts() {

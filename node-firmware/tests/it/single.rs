@@ -78,7 +78,7 @@ impl Alone {
     }
 
     fn act(&mut self) {
-        // Devices are done at once; another moment for what they told, and for its answers.
+        // Devices are done at once; another moment for their events, and for its answers.
         for _ in 0..3 {
             self.now += SECOND / 10;
             self.camera.act(self.now, &mut self.air);

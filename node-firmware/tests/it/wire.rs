@@ -784,7 +784,7 @@ fn every_message_fits_a_frame() {
     assert_eq!(lengths, LENGTHS);
 }
 
-/// Told to the PC, the longest of what cameras send still fits a frame of the console.
+/// Told to the PC, the longest message of a camera still fits a frame of the console.
 #[test]
 fn every_line_to_the_pc_fits() {
     let address = u16::MAX;
@@ -919,7 +919,7 @@ proptest! {
         check(&bytes);
     }
 
-    /// Of one kind each, so that the inner parts are reached.
+    /// Bytes of one kind each, so that the inner parts are reached.
     #[test]
     fn any_bytes_behind_a_kind(kind in 0_u8..18, bytes in prop::collection::vec(any::<u8>(), 0..100)) {
         let mut all = vec![kind];

@@ -123,8 +123,8 @@ pub(crate) trait Problem<T> {
 // Walked in place: its frame is one of the largest.
 pub(crate) struct Descent<T: Real, const P: usize> {
     pub x: SVector<T, P>,
-    /// Of where it last looked around, as the two below: at the end within the last, tiny step of
-    /// `x`.
+    /// Model of the place where it last looked around, as the two below: at the end within the last, tiny
+    /// step of `x`.
     pub hessian: SMatrix<T, P, P>,
     gradient: SVector<T, P>,
     pub cost: T,
@@ -227,7 +227,7 @@ struct Pace<T> {
     flat_steps: usize,
 }
 
-/// The full step, which may not exist, and what it is worth.
+/// The full step, which may not exist, and its worth.
 struct Newton<T> {
     step: Option<[T; MOST]>,
     /// By how much the cost would fall, in squared sigmas.

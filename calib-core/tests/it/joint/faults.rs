@@ -116,7 +116,7 @@ fn a_wrong_bearing_is_found() {
 /// Camera that stands for the first one that was moved.
 const SPARE: usize = 8;
 
-/// As a node sees it, stop after stop: what is found, and at which stop. A camera that was moved is
+/// As a node sees it, stop after stop: the findings, and their stops. A camera that was moved is
 /// another one from then on.
 fn walked(walk: &Walk) -> (Joint<f32>, Vec<(usize, Finding<f32>)>) {
     let mut spare = SPARE;
@@ -224,7 +224,7 @@ fn campaign(turn: f64, fault: impl Fn(&mut Walk, usize, usize)) -> Campaign {
     campaign
 }
 
-/// Bumped by some degrees half way: named at once, and calibrated again from what it sees since.
+/// Bumped by some degrees half way: named at once, and calibrated again from its later sightings.
 #[test]
 fn a_bumped_camera_is_named() {
     for degrees in [3.0_f64, 15.0] {

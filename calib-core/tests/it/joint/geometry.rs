@@ -1,4 +1,4 @@
-//! Exact answers, the frame, and what cannot be answered.
+//! Exact answers, the frame, and questions that cannot be answered.
 
 use calib_core::{
     Limits, Refusal,
@@ -83,7 +83,7 @@ proptest! {
         }
     }
 
-    /// No number that is put in makes it panic, or answer with what is no number.
+    /// No number that is put in makes it panic, or answer with a value that is no number.
     #[test]
     fn wild_numbers_are_refused_or_answered(
         numbers in prop::collection::vec(prop::num::f32::ANY, 60),
@@ -350,7 +350,7 @@ fn what_is_not_determined_is_named() {
     for stop in [lost, after] {
         assert_eq!(joint.place(stop), Err(Refusal::Undetermined));
     }
-    // The way between both is what was measured of it, and nothing checks that.
+    // The way between both is the measured one, and nothing checks that.
     let between = joint.leg_residual(after).unwrap();
     assert_eq!(between.degrees_of_freedom, 0);
     assert!(joint.place(lost - 1).is_ok() && joint.carrier().is_ok());

@@ -80,7 +80,7 @@ fn a_lens_of_other_width_is_found() {
     assert!(right < 1.6 * poses && believed > 5.0 * poses, "{text}");
 }
 
-/// Three bearings carry no fourth unknown: the lens stays what it was believed to be, and the pose is
+/// Three bearings carry no fourth unknown: the lens stays the stated one, and the pose is
 /// the less certain for that.
 #[test]
 fn three_bearings_leave_the_lens_to_its_prior() {

@@ -8,7 +8,7 @@ use test_support::{
 
 use crate::joint::support::{WIDE, add, filled};
 
-/// Of a range: a blob some thirty pixels high.
+/// Share of a range that its sigma is: a blob some thirty pixels high.
 const SHARE: f64 = 0.03;
 
 fn ranged(seed: u64) -> Walk {

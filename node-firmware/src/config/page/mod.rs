@@ -110,7 +110,7 @@ pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageEr
         .split_at_mut_checked(TRAILER)
         .ok_or(PageError::Room)?;
     trailer.copy_from_slice(&checksum);
-    // Postcard may have used what it then did not count.
+    // Postcard may have used bytes that it then did not count.
     rest.fill(0xFF);
     Ok(HEADER + length + TRAILER)
 }

@@ -79,8 +79,8 @@ impl CameraRole {
         }
     }
 
-    /// A fact that took another place than it was written in, because one before it is lost, is
-    /// written again in this one, and in the other what is there then, if only nothing.
+    /// A fact that took another place than it was written in, because one before it is lost, is written again
+    /// in this one. The present entry of the other place is written there, even if it is nothing.
     fn on_restored(&mut self, place: Option<FactKey>, written: FactKey) {
         if let Some(place) = place.filter(|place| *place != written) {
             self.unsaved.insert(place);

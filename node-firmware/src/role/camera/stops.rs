@@ -258,7 +258,7 @@ impl CameraRole {
         }
     }
 
-    /// Repeats what the target has not confirmed.
+    /// Repeats answers that the target has not confirmed.
     pub(super) fn repeat_answers(&mut self, now: Instant) {
         while let Some(look) = self.looks.take_due(now) {
             self.answer(now, look.target, look.stopped.stop, look.sight, look.seen);

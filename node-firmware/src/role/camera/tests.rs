@@ -1410,7 +1410,7 @@ fn a_camera_that_does_not_see_a_target_in_its_view_adapts_when_it_has_left() {
         place: place_at([-5.0, -5.0]),
         ..in_view(stop)
     };
-    // Nothing is wrong with a camera that does not see what is behind it.
+    // Nothing is wrong with a camera that does not see a target behind it.
     assert_eq!(adaptations(&mut calibrated(), 60, behind), NEVER);
     let leaves = |stop| {
         if stop < 104 {

@@ -169,7 +169,7 @@ impl CoordinatorRole {
         // Former ones too.
         for references in former.into_iter().chain([references]) {
             self.notify(now, references.first, MemberNotification::References);
-            // It tells the first one its sightings at once, which knows by then what to make of them.
+            // It tells the first one its sightings at once, which knows by then how to use them.
             let due = now + FIRST_KNOWS;
             self.notify(due, references.second, MemberNotification::References);
         }

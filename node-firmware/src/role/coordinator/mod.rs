@@ -72,7 +72,7 @@ impl Notification for MemberNotification {
     }
 }
 
-/// A task for what surrounds the coordinator.
+/// A task for the surroundings of the coordinator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinatorTask {

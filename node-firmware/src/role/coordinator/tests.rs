@@ -412,7 +412,7 @@ fn a_pc_that_asks_is_told_everything() {
     assert_eq!(self::told(&mut role, 43), [ToPc::Done { address: 4, done }]);
 }
 
-/// A coordinator does not know whom it had told before it lost its power.
+/// A coordinator does not know which cameras it had told before it lost its power.
 #[test]
 fn references_of_a_former_run_are_told_to_cameras_that_say_hello() {
     let references = References {

@@ -649,7 +649,7 @@ impl<'m> Estimate<'m> {
             let Some(of) = self.cameras.get(camera).copied() else {
                 break;
             };
-            // Of a moved one it is known.
+            // A moved one is known to disagree.
             if of.is_successor || self.estimator.moved(camera).is_some() {
                 continue;
             }

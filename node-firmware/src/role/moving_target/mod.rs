@@ -235,7 +235,7 @@ impl<'m> TargetRole<'m> {
         self.estimate = Estimate::new(memory);
     }
 
-    /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
+    /// The cameras it knows, with their reports: the table of Appendix B.
     pub fn cameras(&self) -> impl Iterator<Item = CameraEntry> {
         self.table.iter()
     }
@@ -461,7 +461,7 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// A message that has to be told, as it is known now, and to whom.
+    /// A message that has to be told, as it is known now, and its receiver.
     fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
             TargetNotification::Hello => {

@@ -57,7 +57,7 @@ fn check(target: &TargetRole<'_>, position: [f32; 2], variances: [f32; 2]) {
     assert!(off.norm() < 1e-3 * expected.norm(), "{covariance}");
 }
 
-/// Of ten units, three percent along the way and two degrees across it.
+/// In ten units, three percent along the way and two degrees across it.
 #[test]
 fn a_walk_is_as_uncertain_as_what_its_sensor_always_does_wrong() {
     let mut target = target();

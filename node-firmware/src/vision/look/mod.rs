@@ -79,7 +79,7 @@ pub struct Judge {
 }
 
 impl Judge {
-    /// Of the frames of this camera, for a target of this shape.
+    /// A judge of the frames of this camera, for a target of this shape.
     pub fn new(camera: Camera<f32>, patience: Patience, shape: Shape) -> Self {
         // At most 65536 columns by construction, and the conversion saturates.
         let columns = (camera.last_column() + 1.0) as u16;

@@ -130,7 +130,7 @@ pub enum Unsteady {
     Lost {
         /// Frames in which nothing was tracked.
         lost: u16,
-        /// Of so many.
+        /// Frames in all.
         frames: u16,
     },
     /// The blob reaches the left or right border.

@@ -138,7 +138,7 @@ impl Camera {
             Some("GT") => (MILLISECOND, "ACK\r130 190 90 150 40 100\r:".to_owned()),
             Some(kind @ ("TC" | "TW" | "FD")) => {
                 let packet = match self.sees.get().filter(|_| !self.dazzled.get()) {
-                    // Of 16 x 16 blocks.
+                    // In units of 16 x 16 blocks.
                     Some(x) if kind == "FD" => [x, 8, x - 1, 7, x + 1, 9, 6, 255],
                     Some(x) => [x, 70, x - 4, 61, x + 4, 79, 60, 200],
                     None => [0; 8],
@@ -251,7 +251,7 @@ pub(super) struct Board {
     /// The device on its line takes nothing.
     pub(super) stalled: Rc<Cell<bool>>,
     camera: Rc<Camera>,
-    /// Of 8 KiB for the link, and 8 KiB for the role.
+    /// Flash of 8 KiB for the link, and 8 KiB for the role.
     pub(super) flash: Flash,
     pub(super) faults: Faults,
     /// Since its last start.

@@ -38,7 +38,7 @@ const INFO: NetworkInfo = NetworkInfo {
     pan: 1,
     channel: 11,
 };
-/// Of each hop.
+/// Time of each hop.
 const HOP: Time = SECOND / 20;
 /// Messages on their way from one node.
 const ROOM: usize = 4;

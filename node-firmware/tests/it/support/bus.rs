@@ -192,7 +192,7 @@ impl<R: Role> Station<R> {
         self.facts.clear();
     }
 
-    /// Power off and on: the flash is what is left.
+    /// Power off and on: only the flash is left.
     pub fn restart(&mut self, now: u64) {
         self.role = (self.make)();
         self.settled.clear();

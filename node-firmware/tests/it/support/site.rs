@@ -13,9 +13,9 @@ use rand_chacha::ChaCha8Rng;
 
 /// Standard deviation of the cameras' bearings, radians.
 pub const BEARING_SIGMA: f64 = 0.001;
-/// Of a leg of a walk: distance and direction.
+/// Standard deviations of a leg of a walk: distance and direction.
 pub const STEP_SIGMAS: [f64; 2] = [0.005, 0.001];
-/// Of standing.
+/// Standard deviation of standing.
 pub const STANDING_SIGMA: f64 = 0.005;
 /// Half of a view, radians.
 const HALF_VIEW: f64 = 30.0 * PI / 180.0;
@@ -70,7 +70,7 @@ pub struct Site {
 
 pub type Shared = Rc<RefCell<Site>>;
 
-/// The same for the same words at any time: faults of a radio do not change what is seen.
+/// The same for the same words at any time: faults of a radio do not change the sightings.
 pub fn noise(words: &[u64]) -> f64 {
     let seed = words.iter().fold(0xA5A5_u64, |hash, word| {
         (hash ^ word)

@@ -28,7 +28,7 @@ fn estimate() -> Estimate<'static> {
 /// Record under each key.
 type Flash = BTreeMap<u8, Fact>;
 
-/// Writes what is to be written, up to so many records, then the power fails.
+/// Writes the records that are due, up to so many, then the power fails.
 fn write(
     estimate: &Estimate<'_>,
     unsaved: &mut Unsaved,
