@@ -484,8 +484,8 @@ impl Packet {
     }
 }
 
-/// Contents of the banner: `CMUcam2 v1.00 c6`. Banners of kindred firmware, `CMUcam2+ v1.00 c6`, `CMUcam2
-/// v2.0+ c6` and `CMUcam3 v1.0`, are taken as well; their differences are not kept.
+/// Contents of the banner: `CMUcam2 v1.00 c6`. Banners of kindred firmware, `CMUcam2+ v1.00 c6`,
+/// `CMUcam2 v2.0+ c6` and `CMUcam3 v1.0`, are taken as well; their differences are not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FirmwareVersion {

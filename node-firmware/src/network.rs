@@ -65,7 +65,7 @@ pub enum Receipt {
 /// Administration of a network by people at the coordinator. A node that is no coordinator answers that there
 /// is nothing.
 pub trait Administration {
-    /// Names of the network for people, if it runs.
+    /// Identifier and channel of the network, if it runs.
     fn info(&self) -> Option<NetworkInfo>;
 
     /// Lets any device with the site key join for a while.

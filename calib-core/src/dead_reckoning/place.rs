@@ -25,8 +25,8 @@ pub struct PlaceParts<T: Real> {
     pub walked: Vector2<T>,
     /// The errors that all steps share, before and after the fix.
     pub systematic: Systematic<T>,
-    /// Standard deviation, in x as in y, of the distance between the carrier's true place and the reckoned
-    /// one. Own to each stop: it does not accumulate.
+    /// Standard deviation, in x as in y, of the carrier's true place about the reckoned one. Own to each
+    /// stop: it does not accumulate.
     pub standing_sigma: T,
 }
 

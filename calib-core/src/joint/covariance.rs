@@ -1,9 +1,9 @@
 //! Covariances of cameras and of measurements, from that of the kept unknowns.
 //!
 //! The step of a camera is `R^-1 (z - Q^T J dx)`: its own part, which the rows give for known places, and the
-//! part by which places move it. So with the covariance `D` of places its own is `R^-1 N R^-T`, `N = 1 + Q^T
-//! J D J^T Q`, and that of a predicted row `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums over pairs of its
-//! sights give all of these; no pass is needed.
+//! part by which places move it. So with the covariance `D` of places its own is `R^-1 N R^-T`,
+//! `N = 1 + Q^T J D J^T Q`, and that of a predicted row `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums over
+//! pairs of its sights give all of these; no pass is needed.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 

@@ -1,15 +1,16 @@
 //! One pass: the measurements around the present estimates, as normal equations of the kept unknowns.
 //!
 //! No measurement ties two cameras to each other, so each camera's block of unknowns is eliminated by itself.
-//! Its rows `[j | J]`, of its own unknowns and of places, are rotated into a small triangle `R`. With `q =
-//! R^-T j` the rows' part that the camera does not explain is `(1 - Q Q^T) J`; the square of that is what the
+//! Its rows `[j | J]`, of its own unknowns and of places, are rotated into a small triangle `R`. With
+//! `q = R^-T j` the rows' part that the camera does not explain is `(1 - Q Q^T) J`; its square is what the
 //! camera tells about places. In these products nothing large cancels: the camera's own square is never
 //! formed. The kept part is as large as the walk, not as the network.
 //!
-//! Legs are not rows of these equations: they are their unknowns. Solved for is not the place of a stop but
-//! the error of the leg to it, in its sigmas: `y = P (step of the place - step of the one before) + B (step
-//! of the carrier)`. The information of a leg is then the identity, however much more it knows than the
-//! cameras do, and single precision loses nothing of what these add to it. Places come back by adding up.
+//! Legs are not rows of these equations: they are their unknowns. The unknown is not the place of a stop but
+//! the error of the leg to it, in its sigmas:
+//! `y = P (step of the place - step of the one before) + B (step of the carrier)`. The
+//! information of a leg is then the identity, however much more it knows than the cameras do, and single
+//! precision loses nothing of what these add to it. Places come back by adding up.
 
 use nalgebra::Vector2;
 

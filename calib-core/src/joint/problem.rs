@@ -213,7 +213,7 @@ pub(super) struct Common<T: Real> {
     pub carrier_step: Vector2<T>,
     /// By how much the legs' sigmas are larger than they claim.
     pub leg_factor: T,
-    /// Result of the last pass.
+    /// Stage that the last pass has reached.
     pub told: Told,
     /// The first unknown that it did not determine.
     pub undetermined: Option<Undetermined>,

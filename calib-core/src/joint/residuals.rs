@@ -1,7 +1,7 @@
 //! Residuals of the measurements against the estimates, normalised.
 //!
-//! A residual of a measurement that counts has the variance `1 - h` in units of its own, with the leverage `h
-//! = g^T C g` of its row `g`: the estimates have moved towards it. An excluded one
+//! A residual of a measurement that counts has the variance `1 - h` in units of its own, with the leverage
+//! `h = g^T C g` of its row `g`: the estimates have moved towards it. An excluded one
 //! has `1 + h`. `1 - h` is its redundancy number: the share of its error that shows in its residual.
 //! Where it is nearly zero nothing checks the measurement. Baarda, "A testing procedure for use in
 //! geodetic networks", 1968.

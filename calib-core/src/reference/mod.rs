@@ -488,7 +488,7 @@ mod tests {
         }
     }
 
-    /// A known unknown has no sigma; the digits of a scene of some size are left, and no more.
+    /// A known quantity has no sigma; the digits of a scene of some size are left, and no more.
     #[test]
     fn answers_without_sigmas_are_one_but_for_rounding() {
         let exact = |unknowns| Found {

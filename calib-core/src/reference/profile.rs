@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    /// A known unknown has no variance, and keeps none.
+    /// A known quantity has no variance, and keeps none.
     #[test]
     fn nothing_is_not_shortened() {
         let mut covariance = Matrix6::<f64>::zeros();

@@ -485,7 +485,7 @@ fn an_impossible_target_covariance_adds_nothing() {
         let three = |s: &[Sighting<f64>]| resection::solve(&s[..3]);
         assert_eq!(three(&bad), three(&good));
     }
-    // A number that is none is still refused.
+    // A value that is not a number is still refused.
     let (truth, targets) = regular_scene(1);
     let mut three = targets.map(|target| sighting(&truth, target, 0.0, 0.01));
     three[1].target_covariance = Matrix2::repeat(f64::NAN);

@@ -378,8 +378,8 @@ impl Dialogue {
         }
     }
 
-    /// The order that begins a stream. In poll mode nothing streams: the packet order of [`Request::Next`] is
-    /// only noted, after the bounds.
+    /// The order that begins a stream. In poll mode nothing streams: the order that [`Request::Next`] sends
+    /// is only noted, after the bounds.
     fn first_of(&self, order: Order) -> Option<Order> {
         if !self.modes.poll() || order.reply() == Reply::Frame {
             return Some(order);

@@ -5,7 +5,7 @@
 //!
 //! 1. [`begin`](Session::begin) a request;
 //! 2. while [`pending`](Session::pending) is not empty, send it and tell how many bytes [were
-//! sent](Session::sent); after it the payload, if it is [due](Session::payload_due);
+//!    sent](Session::sent); after it the payload, if it is [due](Session::payload_due);
 //! 3. give every byte that comes to [`receive`](Session::receive), and call
 //!    [`tick`](Session::tick) when [`deadline`](Session::deadline) is reached;
 //! 4. after each of these look for the [`outcome`](Session::outcome).

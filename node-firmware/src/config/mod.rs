@@ -106,7 +106,7 @@ pub struct CameraConfig {
     pub baud: u32,
     /// Number of the first column in the CMUcam2's packets, 0 or 1. Nothing to a Pixy2.
     pub first_column: u8,
-    /// Looks of the target.
+    /// Appearance of the target.
     pub subjects: Subjects,
     /// True if a target of a colour is a ball: a blob that is narrower than tall is then partly
     /// hidden.
@@ -158,7 +158,7 @@ impl Sigmas {
     }
 }
 
-/// Looks of the target to a camera.
+/// Appearance of the target to a camera.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -46,7 +46,7 @@ pub enum Eye {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Restart {
-    /// It was switched on or reset by hand, or the reason is not known.
+    /// It was switched on or reset, or the reason is not known.
     #[default]
     Ordinary,
     /// It had heard others, and then heard nothing any more though it sent.

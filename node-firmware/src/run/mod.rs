@@ -7,10 +7,10 @@
 //! Three futures run side by side, in one task:
 //!
 //! 1. `zigbee_link::runner` moves frames between radio and link, and writes down the facts that the link must
-//! not forget. It shares the link with the second one.
+//!    not forget. It shares the link with the second one.
 //! 2. `drive` tells the role its events (messages from the link, results of sent messages, events of devices,
-//! the time) and asks it for its outputs: a message goes to the link, a fact to the flash before anything
-//! else, a task to the devices.
+//!    the time) and asks it for its outputs: a message goes to the link, a fact to the flash before anything
+//!    else, a task to the devices.
 //! 3. The devices of the role (`camera`: a CMUcam2; `coordinator`: a PC; `moving_target`: a step
 //!    sensor) take tasks from one channel, and put events into another. A camera and a coordinator
 //!    have buttons besides.

@@ -8,7 +8,7 @@ use test_support::{
 
 use crate::joint::support::{WIDE, add, filled};
 
-/// Share of a range that its sigma is: a blob some thirty pixels high.
+/// Sigma of a range as a share of it: a blob some thirty pixels high.
 const SHARE: f64 = 0.03;
 
 fn ranged(seed: u64) -> Walk {

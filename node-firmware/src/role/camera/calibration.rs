@@ -57,7 +57,7 @@ impl Calibration {
     }
 
     /// Takes a sighting and returns its index. A stop counts once: told again, with a better place, it
-    /// replaces the former sighting. If there is no room, the oldest one without a pose goes.
+    /// replaces the former sighting. When the list is full and gives no pose, the oldest makes room.
     pub(super) fn add(&mut self, sighting: KeptSighting) -> Option<usize> {
         let Some(place) = self.kept.find(sighting.key()) else {
             return self.kept.add(sighting);

@@ -104,7 +104,7 @@ fn first_of(keys: &[(MemberAddress, StopNumber)]) -> usize {
         sooner.iter().chain(later).all(|key| {
             let known = last.iter_mut().find(|known| known.0 == key.0);
             let Some(known) = known else {
-                // If there are more targets than places, nothing is known.
+                // Nothing is known of targets beyond the room of the list.
                 let _ = last.push(*key);
                 return true;
             };

@@ -84,7 +84,7 @@ pub enum CoordinatorTask {
     Remove(MemberAddress),
     /// Begin to change the site key, and tell the PC.
     ChangeKey(SiteKey),
-    /// Tell the PC the names of the network.
+    /// Tell the PC identifier and channel of the network.
     TellNetwork,
     /// Tell the PC the progress of the change of the site key.
     TellKeyChange,

@@ -257,7 +257,7 @@ fn with_references(kind: impl Fn(Duty) -> MemberKind) -> CoordinatorRole {
     role
 }
 
-/// This one does not answer from now on: the messages to the PC about it until then.
+/// Messages to the PC about the references while this one does not answer.
 fn without(role: &mut CoordinatorRole, absent: u16, mut now: u64) -> Vec<ToPc> {
     let mut lines = Vec::new();
     for _ in 0..4 {

@@ -13,7 +13,7 @@ use crate::message::Seen;
 /// The most frames that are judged together.
 pub const FRAMES_MAX: usize = 16;
 
-/// Length of a look, and its sigma.
+/// Length of a look, and the floor of its sigma.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Patience {

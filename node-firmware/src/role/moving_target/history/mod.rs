@@ -202,7 +202,7 @@ impl Estimate<'_> {
         })
     }
 
-    /// After a restart: the way of the target from the stop where it stood, if it still stands there.
+    /// After a restart: begins the way from the stop where the target stood, if it still stands there.
     pub(super) fn resume(&mut self, stands: bool) {
         self.way = stands.then(|| (Vector2::zeros(), Matrix2::zeros()));
         self.is_restoring = true;
