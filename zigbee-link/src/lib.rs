@@ -37,9 +37,9 @@
 //! | a node that is a device or a coordinator of 16 members | 38.5 KB | 4.5 KB |
 //!
 //! AES is 2.6 KB of it: the `aes` crate's constant-time one, with `--cfg aes_backend_soft="compact"`,
-//! else 1 KB more. The panics left in an image are those that the compiler puts into every future,
-//! for whoever polls it after its end, and of [`runner::Shared::with`], when it is called from
-//! within itself.
+//! else 1 KB more. The panics left in an image are those that the compiler puts into every future, for a
+//! caller that polls it after its end, and that of [`runner::Shared::with`], when it is called from within
+//! itself.
 //!
 //! Functions that are not inlined, though the compiler would, have many callers or move large values,
 //! and make the image smaller; they are marked `size`. Constructors that are always inlined make a

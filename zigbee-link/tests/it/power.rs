@@ -45,9 +45,9 @@ struct World {
     clock: Clock,
     medium: Medium,
     random: RefCell<ChaCha8Rng>,
-    /// Nobody leaves.
+    /// No node leaves.
     is_calm: Cell<bool>,
-    /// What each node surely has in its store.
+    /// Membership that each node surely has in its store.
     memberships: RefCell<[Option<Membership>; NODES]>,
 }
 
@@ -199,7 +199,7 @@ impl Nodes {
         self.lives[node] = Some(self.executor.spawn(life));
     }
 
-    /// Runs all until then, or until this one has no more power. Whether it has.
+    /// Runs all until then, or until this one has no more power. Returns true if it has.
     fn run(&mut self, duration: Duration, victim: Option<usize>) -> bool {
         let spawner = self.executor.spawner();
         let lives = self.lives;
@@ -224,8 +224,8 @@ impl Nodes {
     }
 }
 
-/// A node at a time loses its power at any moment, most of them in the middle of a change of its
-/// flash. No nonce occurs twice, and nobody forgets whom it belongs to.
+/// A node at a time loses its power at any moment, most of them in the middle of a change of its flash. No nonce
+/// occurs twice, and no node forgets its network.
 #[test]
 fn nonces_and_memberships_survive_power_cuts() {
     let mut nodes = Nodes::new();

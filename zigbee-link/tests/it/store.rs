@@ -77,7 +77,8 @@ fn remembers_everything() {
     });
 }
 
-/// Whichever key comes into use later. Stores of the time before it was written down had no other.
+/// The key of provisioning stays known after others come into use. Stores of the time before it was written down
+/// had no other.
 #[test]
 fn the_key_of_provisioning_is_known() {
     block_on(async {
@@ -379,7 +380,7 @@ fn a_bad_header_is_refused() {
     }
 }
 
-/// Who was told that the node is not provisioned cannot write without doing so.
+/// A caller that was told that the node is not provisioned cannot write without provisioning it.
 #[test]
 fn nothing_is_saved_without_a_key() {
     let mut flash = chip(0);
