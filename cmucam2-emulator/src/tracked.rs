@@ -1,4 +1,4 @@
-//! Which pixels of a frame count, exactly, computing only those that noise decides.
+//! Pixels of a frame that count, found exactly by computing only those that noise decides.
 
 use super::{
     blob::Filter,
@@ -6,7 +6,7 @@ use super::{
     view::{Region, View},
 };
 
-/// Whether the pixels of one paint count.
+/// Verdict on the pixels of one paint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     Never,
@@ -87,8 +87,7 @@ impl<'a> Tracked<'a> {
         }
     }
 
-    /// Fills `row`, with no `Perhaps`, from the column that is returned on. What is not in it does
-    /// not count.
+    /// Fills `row`, with no `Perhaps`, from the column that is returned on. Columns outside of it do not count.
     fn judge(&mut self, y: u8) -> Option<u8> {
         let Region { x1, x2, .. } = self.region;
         let backdrop = self

@@ -23,7 +23,7 @@ const BANNERS: [&str; 6] = [
     "CMUcam2 v2.0+",
     "CMUcam3 v1.0",
 ];
-/// What the camera keeps of what comes while it starts, bytes.
+/// Bytes that the camera keeps, of those that come while it starts.
 const EARLY_MAX: usize = 128;
 
 impl Emulator {
