@@ -40,7 +40,7 @@ impl OneCpu {
         }
     }
 
-    /// How many of these this process has.
+    /// Number of CPUs that this process has taken.
     pub(crate) fn held() -> usize {
         HELD.load(Ordering::Relaxed)
     }
@@ -55,7 +55,7 @@ impl Drop for OneCpu {
     }
 }
 
-/// Locks a CPU's file, if nobody has.
+/// Locks a CPU's file, unless it is locked.
 fn lock(cpu: usize) -> Option<File> {
     let path = env::temp_dir().join(format!("nrf52840-emulator-cpu-{cpu}.lock"));
     let file = File::options()

@@ -20,7 +20,7 @@ const CC_END: u16 = CC + 4 * CHANNELS;
 #[derive(Debug, Default)]
 pub struct Timer {
     count: u64,
-    /// Since when it runs as a timer.
+    /// Time since which it runs as a timer.
     since: Option<u64>,
     is_running: bool,
     next: Option<EventId>,
