@@ -1,5 +1,5 @@
-//! Who hears whom, kept up to date with a grid: a move costs as much as the links of the one that
-//! moves.
+//! Links between nodes that hear each other, kept up to date with a grid: a move costs as much as the links of the
+//! node that moves.
 
 use std::collections::HashMap;
 
