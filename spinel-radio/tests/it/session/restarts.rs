@@ -51,7 +51,7 @@ fn a_restart_is_repaired_before_the_request_goes_on() {
     assert_eq!(bench.heard.len(), 16);
 }
 
-/// A request has all its attempts, whatever an earlier one that was dropped has used up.
+/// A request has all its attempts, even if an earlier one that was dropped has used up some.
 #[test]
 fn attempts_are_counted_anew() {
     for second in [RcpRequest::Transmit(UNICAST), RcpRequest::Configure(CONFIG)] {
