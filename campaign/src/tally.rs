@@ -22,7 +22,7 @@ pub struct Tally {
     saw_enough: usize,
     /// Runs, and failures in all, of each kind.
     failing: BTreeMap<Kind, (Vec<u64>, usize)>,
-    /// Of cameras that saw enough and are not calibrated: what they are.
+    /// Statuses of the cameras that saw enough and are not calibrated.
     late: BTreeMap<String, usize>,
     /// Errors of the poses that are told as good, where the place was not given.
     errors: Vec<f64>,
