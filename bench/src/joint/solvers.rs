@@ -1,4 +1,4 @@
-//! Three ways to solve a walk, and how far off they are.
+//! Three ways to solve a walk, and their errors.
 
 use calib_core::{
     Limits, Ray, Sighting,
@@ -57,7 +57,7 @@ pub(super) struct Run {
     pub(super) passes: usize,
 }
 
-/// What the nodes know of the carrier: the firmware's defaults for one of which nothing is known.
+/// Knowledge of the nodes about the carrier: the firmware's defaults for one of which nothing is known.
 fn prior(errors: &CarrierErrors) -> [f64; 2] {
     if errors.scale > 1e-3 {
         [0.08, 3_f64.to_radians()]
