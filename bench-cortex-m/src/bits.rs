@@ -15,13 +15,13 @@ use rand_chacha::ChaCha8Rng;
 use crate::{joint, pose, scene::Scene};
 
 const SEED: u64 = 2001;
-/// Standard deviation of a bearing, radians, and the most that one is off.
+/// Standard deviation of a bearing, radians, and the largest error of one.
 const BEARING_SIGMA: f64 = 0.005;
 const OFF: f64 = 0.01;
 
 /// A number whose bits can be told.
 pub trait Bits: Real + SampleUniform {
-    /// Them.
+    /// Its bits.
     fn bits(self) -> u64;
 }
 
@@ -37,8 +37,8 @@ impl Bits for f64 {
     }
 }
 
-/// Prints what every processor has room for: poses from three sightings. A line each: what it is, and its
-/// numbers in hexadecimal.
+/// Prints the results for which every processor has room: poses from three sightings. A line each: its name, and
+/// its numbers in hexadecimal.
 ///
 /// # Errors
 /// The output's.

@@ -1,4 +1,4 @@
-//! Looks of cameras that track: what one costs the coordinator.
+//! Looks of cameras that track, and their cost for the coordinator.
 
 use core::fmt;
 
@@ -104,7 +104,7 @@ impl Scene {
 mod tests {
     use super::*;
 
-    /// What is counted is what it is called.
+    /// The counted scene fits its name.
     #[test]
     fn all_four_are_found_and_stay() {
         let mut scene = Scene::new();
