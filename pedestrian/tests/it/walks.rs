@@ -332,7 +332,7 @@ fn compass_and_world_turn_opposite_ways() {
         (0.0, -20.0, 180.0),
     ] {
         assert!(wrap_degrees(facing(0.0, forward, left) - heading).abs() < 1e-6);
-        // Where the needle points 10 degrees east of north, who follows it goes clockwise of y.
+        // Where the needle points 10 degrees east of north, a walk along it goes clockwise of y.
         assert!(wrap_degrees(facing(10.0, forward, left) - (heading - 10.0)).abs() < 1e-6);
     }
 }
