@@ -2,7 +2,7 @@
 
 use crate::packet::u16_at;
 
-/// How many bytes a block takes in a packet.
+/// Bytes of a block in a packet.
 pub const BLOCK_BYTES: usize = 14;
 
 /// A blob of one signature, or of a colour code.
