@@ -672,7 +672,7 @@ fn challenges_are_few_and_not_repeated_at_once() {
     assert!(!challenges.may_ask(Instant(1_999_999), target(9)));
     assert!(challenges.may_ask(at(2000), target(9)));
     challenges.asked(at(2000), target(9), 19);
-    // What has to be asked takes the place of the oldest.
+    // A target that has to be asked takes the place of the oldest.
     challenges.asked(at(2000), target(10), 20);
     let mut is_answered = |n: u16, counter| {
         let extended = Eui64([2, 0, 0, 0, 0, 0, 0, 9]);

@@ -534,7 +534,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.admits_anybody(now) || !self.allowed.is_empty()
     }
 
-    /// Decides on a device. What changes has to be written down before it is told.
+    /// Decides on a device. A change has to be written down before it is told.
     fn admit(&mut self, now: Instant, device: Eui64) -> Association {
         let refuse = |status| Association {
             short: ShortAddress::BROADCAST,

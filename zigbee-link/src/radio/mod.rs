@@ -29,14 +29,14 @@
 //! 9. `receive` is cancel-safe: dropping its future loses no frame that it had not returned.
 //! 10. Each frame is delivered once, whole, in the order of arrival.
 //! 11. Frames that arrive while no `receive` is pending, during a transmission too, should be
-//!    queued. When the queue is full the frame that arrives is lost without notice, as is a
-//!   frame lost on the air.
+//!     queued. When the queue is full the frame that arrives is lost without notice, as is a
+//!     frame lost on the air.
 //! 12. A frame with a wrong FCS is never delivered.
 //! 13. Frames for other devices need not be delivered, and may be: the receiver looks at the
-//!    addresses again. What must be delivered is every frame to the configured addresses or to
-//!     all; every beacon of the configured PAN, or of any PAN if that is [`PanId::BROADCAST`]; and,
+//!     addresses again. Every frame to the configured addresses or to all must be delivered;
+//!     so must every beacon of the configured PAN, or of any PAN if that is [`PanId::BROADCAST`]; and,
 //!     [promiscuous](RadioConfig::promiscuous), every frame.
-//! 14. What arrives is untrusted: a radio must deliver any bytes at all without failing.
+//! 14. Frames that arrive are untrusted: a radio must deliver any bytes at all without failing.
 //!
 //! **Errors**
 //! 15. An error says that the radio does not work, not that the medium did not: a busy channel is a

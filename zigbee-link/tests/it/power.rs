@@ -189,7 +189,7 @@ impl Nodes {
 
     /// Off, if it was not, and on again: for so many more changes of the flash.
     fn start(&mut self, node: usize, budget: Option<u32>) {
-        // What is not in flash is lost, and so is a write not yet finished.
+        // State that is not in flash is lost, and so is a write not yet finished.
         if let Some(life) = self.lives[node].take() {
             self.executor.kill(life);
         }
