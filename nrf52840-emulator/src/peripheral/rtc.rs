@@ -100,7 +100,7 @@ impl Rtc {
         let ticks = self.ticks(call.now());
         let ahead = Self::targets(call)
             .into_iter()
-            // What is equal now comes round again.
+            // A target that is equal now comes round again.
             .map(|(event, target)| (event, (target.wrapping_sub(ticks + 1) & MASK) + 1))
             .map(
                 |(event, ahead)| match self.is_too_soon(event, ticks + ahead) {
