@@ -102,7 +102,7 @@ fn packages_are_installed_where_that_is_allowed() {
     let install = "apt-get install -y --no-install-recommends";
     let missing = PACKAGES.replace("cmake ", "");
     let expected = ["apt-get update".to_owned(), format!("{install} {missing}")];
-    // What then runs is not there.
+    // The program that then runs is not there.
     place.install("id", "echo 0");
     place.run(&["cortex-m"]).fails(1, "cargo");
     assert_eq!(calls(&place), expected);
