@@ -474,7 +474,7 @@ fn time_must_go_on() {
     };
     let later = moment(walker.readings.len() + 50);
     assert_eq!(person.update(later, &blind), Ok(None));
-    // That of a direction of which nothing is known.
+    // Sigma of a direction of which nothing is known.
     let unknown = TAU / 2.0 / 3_f64.sqrt();
     assert!((person.heading_filter().sigma() - unknown).abs() < 1e-9);
     assert_eq!(person.update(later + moment(1), &still), Ok(None));
