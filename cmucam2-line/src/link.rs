@@ -96,7 +96,7 @@ impl Link {
             while let Some((at, byte)) = self.outgoing.pop_front_if(|(at, _)| *at <= self.now) {
                 self.camera.receive(byte, at);
             }
-            // What the camera has sent by now comes before the deadline.
+            // Bytes that the camera has sent by now come before the deadline.
             if self.camera.next_deadline().is_none_or(|at| at > self.now) {
                 self.session.tick(self.now / MICROSECOND);
             }
