@@ -26,6 +26,7 @@ mod setup;
 mod size;
 mod test;
 mod usage;
+mod words;
 
 /// The project's chores.
 #[derive(Parser)]

@@ -9,6 +9,7 @@ use xshell::{Shell, cmd};
 use crate::{
     chip, cortex_m, firmware, fuzz, harness, peers, scale, setup, size,
     usage::{self, Meter, Usage},
+    words,
 };
 
 /// Everything that must hold, stage by stage
@@ -89,7 +90,11 @@ const STAGES: [Stage; 17] = [
         "tools that the others need, and a lock file that fits",
         set_up,
     ),
-    stage("format", "code as rustfmt writes it", format),
+    stage(
+        "format",
+        "code as rustfmt writes it, and plain words in comments and pages",
+        format,
+    ),
     stage("lint", "clippy, for this computer and for the boards", lint),
     stage(
         "test",
@@ -316,7 +321,8 @@ fn set_up(sh: &Shell) -> Result<()> {
 fn format(sh: &Shell) -> Result<()> {
     cmd!(sh, "cargo fmt --all --check")
         .run()
-        .context("type `cargo fmt --all`")
+        .context("type `cargo fmt --all`")?;
+    words::check(sh)
 }
 
 fn lint(sh: &Shell) -> Result<()> {
