@@ -64,7 +64,7 @@ use crate::{
 /// integrity code 8.
 pub const MESSAGE_MAX: usize = FRAME_MAX - 9 - 6 - MESSAGE_HEADER - 8;
 
-/// For how long frames under the former key are accepted after a change.
+/// Time for which frames under the former key are accepted after a change.
 pub const KEY_WINDOW: Duration = Duration::from_secs(60);
 
 /// Broadcasts from the extended address after a node has joined. Its short address may have been that of another
@@ -79,7 +79,7 @@ const PRESENCE: Duration = Duration::from_secs(15);
 const PRESENCE_IN_LOSSY_AIR: Duration = Duration::from_millis(7_500);
 /// A repeated message counts as much as two that came at once: with 30 % loss every other one is repeated.
 const LOSS: u8 = 2;
-/// Limit above which the air is lossy; collisions alone do not reach it.
+/// Measure of losses from which on the air is lossy; collisions alone do not reach it.
 const LOSSY: u8 = 6;
 /// Upper limit of the measure of losses: more is forgotten.
 const LOSSES: u8 = 12;
@@ -90,9 +90,9 @@ const PRESENT_FOR: Duration = Duration::from_secs(600);
 #[derive(Clone, Copy, Debug, Default)]
 struct Presence {
     due: Option<Instant>,
-    /// End of that.
+    /// Time after which it is said no more.
     until: Option<Instant>,
-    /// For as long as it is attached.
+    /// True if it is said for as long as it is attached.
     always: bool,
 }
 
@@ -165,7 +165,7 @@ pub enum Effort {
     Once,
 }
 
-/// Where a link is attached: the PAN and the own short address.
+/// Place where a link is attached: the PAN and the own short address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Attachment {
     pan: PanId,

@@ -56,7 +56,7 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     handing_over: Option<(Ticket, Eui64)>,
     /// A member was sent away since the last change of key: the former key is of no more use.
     shuts_out: bool,
-    /// When a beacon of another network with the same identifier was last heard.
+    /// Time when a beacon of another network with the same identifier was last heard.
     last_conflict: Option<Instant>,
     /// The identifier to change to once it is announced.
     realignment: Option<PanId>,
@@ -97,7 +97,7 @@ pub struct KeyChange {
 }
 
 impl<const MEMBERS: usize> Coordinator<MEMBERS> {
-    /// Of this network, or, without one, about to look for a free place for its own.
+    /// A coordinator of this network, or, without one, about to look for a free place for its own.
     // for less stack
     #[inline(always)]
     pub(super) fn new(
@@ -147,7 +147,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.members.iter().copied().flatten()
     }
 
-    /// When to [`poll`](Self::poll) or to send a beacon.
+    /// Time to [`poll`](Self::poll) or to send a beacon.
     pub(super) fn deadline(&self) -> Option<Instant> {
         match &self.state {
             State::Scanning(scan) => Some(scan.until()),

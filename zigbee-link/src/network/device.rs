@@ -110,7 +110,7 @@ impl Device {
         self.home
     }
 
-    /// When to [`poll`](Self::poll).
+    /// Time to [`poll`](Self::poll).
     pub(super) fn deadline(&self) -> Option<Instant> {
         match self.state {
             State::Out => None,

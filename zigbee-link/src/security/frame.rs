@@ -29,8 +29,8 @@ pub struct FrameSecurity<const PEERS: usize> {
     pub counter: Counter,
     /// The senders known to be fresh.
     pub peers: Peers<PEERS>,
-    /// Of a coordinator: numbers of members that may have missed the last change of key, and are spoken
-    /// to under the former one.
+    /// Numbers of a coordinator's members that may have missed the last change of key, and are spoken to under the
+    /// former one.
     late: heapless::Vec<u16, PEERS>,
     /// One of them spoke.
     late_heard: Option<Eui64>,

@@ -120,7 +120,7 @@ pub struct Saved {
 }
 
 impl Saved {
-    /// Of a node that begins with these, and remembers nothing else.
+    /// Facts of a node that begins with these, and remembers nothing else.
     pub const fn of_new(key: Key, extended: Eui64) -> Self {
         Self {
             counter_limit: 0,

@@ -81,7 +81,7 @@ impl World {
     }
 }
 
-/// From power on until the flash fails.
+/// Life of a node from power on until the flash fails.
 async fn life(flash: Flash, world: Rc<World>, number: usize) {
     let mut store = Store::new(flash.clone(), 0..LEN).unwrap();
     let Ok(saved) = store.load().await else {

@@ -321,7 +321,7 @@ fn before_provisioning() -> [Flash; 3] {
 #[test]
 fn provisioning_survives_power_cuts() {
     const PAGE_COUNTER: u32 = 5 * BLOCK;
-    /// As a node starts. The first counter of this life.
+    /// Starts a node. Returns the first counter of this life.
     async fn start(store: &mut Store<Flash>) -> Result<u32, StoreError<FlashError>> {
         let is_newer = match store.load().await {
             Ok(saved) => saved.counter_limit < PAGE_COUNTER,
