@@ -14,7 +14,7 @@ pub(super) struct Filter {
     pub(super) invert: bool,
     /// Number of pixels side by side that a run takes.
     pub(super) run: u8,
-    /// Of a run, the pixels before the last one needed do not count.
+    /// True if the pixels of a run before the last one needed do not count.
     pub(super) tail_only: bool,
 }
 

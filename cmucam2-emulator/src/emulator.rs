@@ -44,7 +44,7 @@ pub struct Configuration {
     pub switches: Switches,
     /// Rates of faults.
     pub faults: FaultRates,
-    /// Of faults and noise.
+    /// Seed of faults and noise.
     pub seed: u64,
     /// Keep [notes](Emulator::take_note).
     pub watched: bool,

@@ -156,7 +156,7 @@ mod tests {
             assert!((channel - 0.7).abs() < 1e-12, "{channel}");
         }
         let [red, green, blue] = daylight(1.0, 2_856.0);
-        // Of CIE illuminant A (x 0.4476, y 0.4074) against the black body of 6,504 K (0.3135, 0.3237).
+        // Ratio for CIE illuminant A (x 0.4476, y 0.4074) against the black body of 6,504 K (0.3135, 0.3237).
         assert!((red / green - 2.11).abs() < 0.03, "{red} {green}");
         assert!((blue / green - 0.269).abs() < 0.02, "{blue} {green}");
         let mut before = f64::INFINITY;

@@ -110,7 +110,7 @@ pub struct Modes {
     pub(super) frame_stream: bool,
     /// States of the two LEDs: 0 off, 1 on, 2 as the camera likes.
     pub leds: [u8; 2],
-    /// Of tracking, of statistics and of frame differencing.
+    /// Line modes of tracking, of statistics and of frame differencing.
     pub(super) line_modes: [u8; 3],
     pub(super) noise_filter: u8,
     pub(super) tracking_mask: u8,
@@ -265,7 +265,7 @@ impl Modes {
 
 const SECOND: u64 = 1_000_000_000;
 
-/// By clock divider; dividers that the reference does not list lie between their neighbours.
+/// Frames a second by clock divider; dividers that the reference does not list lie between their neighbours.
 fn frames_per_second(divider: u8) -> u8 {
     match divider {
         0 => 50,

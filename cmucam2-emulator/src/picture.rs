@@ -99,7 +99,7 @@ struct Share {
     last: usize,
     first_weight: u32,
     last_weight: u32,
-    /// Of those between.
+    /// Weight of those between.
     weight: u32,
 }
 

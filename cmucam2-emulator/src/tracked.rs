@@ -34,9 +34,9 @@ pub(super) struct Tracked<'a> {
     view: &'a View<'a>,
     region: Region,
     filter: &'a Filter,
-    /// From back to front.
+    /// Verdicts on the patches, from back to front.
     patches: Vec<Verdict>,
-    /// Of the background, if it is the same in all rows.
+    /// Verdict on the background, if it is the same in all rows.
     backdrop: Option<Verdict>,
     /// Nothing counts outside of these rows.
     rows: (u8, u8),

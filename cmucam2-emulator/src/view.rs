@@ -59,7 +59,7 @@ pub(super) struct Snapshot {
     pub(super) brightness: f64,
     /// The sensor is switched off.
     pub(super) dark: bool,
-    /// Of the noise.
+    /// Seed of the noise.
     pub(super) seed: u64,
 }
 
@@ -235,12 +235,12 @@ impl<'a> View<'a> {
         verdict
     }
 
-    /// Of each patch, from back to front.
+    /// Verdicts on the patches, from back to front.
     pub(super) fn verdicts(&self, filter: &Filter) -> impl Iterator<Item = Verdict> {
         self.paints.iter().map(|&paint| self.verdict(paint, filter))
     }
 
-    /// Of the background, if it is the same in all rows.
+    /// Verdict on the background, if it is the same in all rows.
     pub(super) fn backdrop_verdict(&self, filter: &Filter) -> Option<Verdict> {
         match self.background {
             Background::Plain(colour) => {
@@ -251,7 +251,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Of the background in a row, if it is the same in all columns.
+    /// Verdict on the background in a row, if it is the same in all columns.
     pub(super) fn row_verdict(&self, y: u8, filter: &Filter) -> Verdict {
         let colour = self.background.colour(0.5, self.place(y, 1));
         self.verdict(self.paint(colour), filter)

@@ -210,7 +210,7 @@ impl Emulator {
 
     /// Commands that only set something.
     fn set(&mut self, command: &Command, now: Time) {
-        // Until now the sensor has adapted as it was told before.
+        // Until now the sensor has adapted by its former settings.
         self.adapt(now);
         let modes = &mut self.modes;
         let arguments = &command.arguments[..];

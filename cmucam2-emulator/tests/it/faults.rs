@@ -4,7 +4,7 @@
 //! driver delivered. Exceptions are faults of the picture (clip, merge, flicker), after which the camera itself
 //! sends another blob, and damage that the protocol cannot show: digits that become other digits (`corrupt_line`,
 //! `corrupt_byte`, `stray`), or that are missing (`overrun`).
-//! Of these the share is counted and printed.
+//! The share of these is counted and printed.
 
 use cmucam2_driver::{
     command::Command,
