@@ -36,7 +36,7 @@ pub struct Current {
 }
 
 impl Current {
-    /// Of a chip that sends with so many dBm, over all of the time it had power.
+    /// Mean currents of a chip that sends with so many dBm, over all of the time it had power.
     pub fn of(outcome: &Outcome, power: i8) -> Self {
         let share = |nanoseconds: u64| nanoseconds as f64 / outcome.powered.max(1) as f64;
         let [receiving, sending] = outcome.radio_on.map(share);

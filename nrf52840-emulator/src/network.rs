@@ -39,7 +39,7 @@ pub(crate) type Contents = Vec<(u64, Vec<u8>)>;
 /// Order to a chip.
 #[derive(Debug)]
 pub(crate) enum Order {
-    /// To run until an instant, and what happens to it by then.
+    /// To run until an instant, with the events that happen to it by then.
     Run { until: u64, inputs: Vec<Input> },
     /// To show what programs write, and to do nothing else: it is to go on as if it was not looked at.
     Show,

@@ -49,13 +49,13 @@ pub struct Node {
     pub peer: Option<Box<dyn Peer>>,
     /// On the bus of TWIM0, by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
-    /// Of what the chip draws at random, besides its number.
+    /// Seed of the chip's random numbers, besides its number.
     pub seed: u64,
     /// Error of its clocks, 1e-9, positive if they are fast.
     pub drift_ppb: i32,
     /// Fault of the chip.
     pub faults: Option<fn(&mut Soc)>,
-    /// Where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
+    /// Port where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
     /// it, and so does the time of all others.
     pub debugger: Option<TcpListener>,
     /// Once this is set it ends by itself, also while it waits for GDB.

@@ -15,7 +15,7 @@ static HELD: AtomicUsize = AtomicUsize::new(0);
 /// lives.
 #[derive(Debug)]
 pub(crate) struct OneCpu {
-    /// Where the thread was before, if that is known.
+    /// CPUs of the thread before, if they are known.
     before: Option<system::Cpus>,
     /// Tells others that the CPU is taken, until it is closed.
     _lock: Option<File>,

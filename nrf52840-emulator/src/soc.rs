@@ -72,7 +72,7 @@ const EGUS: usize = 6;
 const PPI: usize = 17;
 const GPIO: usize = 18;
 
-/// By their addresses: the bus counts its slots so.
+/// Peripherals by their addresses: the bus counts its slots so.
 const MAP: [Peripheral; 19] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
     peripheral("RADIO", radio::BASE, &[1]),

@@ -54,8 +54,8 @@ impl World for Motion {
 pub struct Samples(Mutex<Vec<(u64, Motion)>>);
 
 impl Samples {
-    /// From this instant on, nanoseconds since power came. All that was told for later instants is void. A chip
-    /// measures when it is asked: a motion for a time before the last question may come late.
+    /// Sets the motion from this instant on, nanoseconds since power came. All that was told for later instants is
+    /// void. A chip measures when it is asked: a motion for a time before the last question may come late.
     pub fn push(&self, at: u64, motion: Motion) {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = all.partition_point(|&(earlier, _)| earlier < at);

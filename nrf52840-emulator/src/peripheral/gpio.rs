@@ -103,7 +103,7 @@ pub struct Held {
     pub data: u8,
     /// See `data`.
     pub clock: u8,
-    /// Until the clock has fallen so often while the program drives it, if that ends it.
+    /// Falls of the clock, while the program drives it, that end the hold, if that ends it.
     pub clocks: Option<u8>,
 }
 

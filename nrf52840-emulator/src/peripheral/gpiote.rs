@@ -32,7 +32,7 @@ enum Mode {
 #[derive(Clone, Copy, Debug)]
 struct Channel {
     mode: Mode,
-    /// Of both ports.
+    /// Number of the pin, of both ports.
     pin: u32,
     rising: bool,
     falling: bool,

@@ -48,7 +48,7 @@ pub struct Nvmc {
     /// Number of times that words were written since they were erased; one that is not blank when power comes
     /// counts as written once.
     times: BTreeMap<u64, u8>,
-    /// Of the bits that a loss of power leaves.
+    /// Seed of the bits that a loss of power leaves.
     seed: u64,
     random: u64,
     /// Words written.
@@ -152,7 +152,7 @@ impl Model for Nvmc {
             self.erase(u64::from(value) & !(PAGE - 1), call);
         }
         match offset {
-            // Of the cache nothing can be seen but how fast it is.
+            // Only the speed of the cache can be seen.
             CONFIG | ERASEPAGE | ICACHECNF => {}
             0x50c..=0x51c => call.forbid(
                 "ERASEALL",

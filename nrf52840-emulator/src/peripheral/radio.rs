@@ -158,7 +158,7 @@ enum State {
 /// Way in which a frame arrives at a radio.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Arrival {
-    /// Of its energy and its quality, as the chip measures them: 0 to 63, in steps of 1 dB from -92 dBm
+    /// Level of its energy and its quality, as the chip measures them: 0 to 63, in steps of 1 dB from -92 dBm
     /// (Product Specification, "RADIO").
     pub level: u8,
     /// It is too weak to be taken for a frame.

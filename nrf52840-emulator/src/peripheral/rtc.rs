@@ -23,8 +23,8 @@ const MASK: u64 = 0xff_ffff;
 const HZ: u128 = 32_768;
 const SECOND: u128 = 1_000_000_000;
 
-/// Where the counter is N, a comparison with N or N + 1 that is set then may happen or not, one with N + 2
-/// does (Product Specification, "RTC", compare): those that may not do not here.
+/// Least distance of a comparison from the counter N: one with N or N + 1 that is set then may happen or not, one
+/// with N + 2 does (Product Specification, "RTC", compare). Those that may happen or not do not happen here.
 const SOONEST: u64 = 2;
 
 /// Events happen only where INTEN or EVTEN enables them, and other peripherals hear of them where EVTEN does

@@ -64,7 +64,7 @@ enum Step {
 /// Transfers take the time of their bits, and are done at its end.
 #[derive(Debug, Default)]
 pub struct Twim {
-    /// By their addresses.
+    /// Chips by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// Transfers that ended.
     pub transfers: u64,

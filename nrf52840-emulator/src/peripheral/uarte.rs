@@ -53,7 +53,7 @@ pub trait Peer: fmt::Debug + Send {
     fn transmit(&mut self, now: u64) -> Option<u8>;
     /// Time when it will have sent the next one, as far as it knows.
     fn next(&self) -> Option<u64>;
-    /// From outside it is given a byte that it will have sent at an instant.
+    /// Gives it, from outside, a byte that it will have sent at an instant.
     fn give(&mut self, _byte: u8, _at: u64) {}
 }
 
@@ -111,7 +111,7 @@ pub struct Uarte {
     errors: u32,
     peer: Option<Box<dyn Peer>>,
     tx: Option<(Buffer, EventId)>,
-    /// Of the buffer that is sent.
+    /// Bytes of the buffer that is sent.
     out: Vec<u8>,
     rx: Option<Buffer>,
     /// The receiver runs, with a buffer or without.

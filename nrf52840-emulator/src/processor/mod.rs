@@ -491,7 +491,7 @@ mod tests {
             }
             chip.write(1, 0, &step.to_le_bytes());
             for (register, value) in [(0, RAM.0 as u32), (15, 0), (XPSR, 1 << 24)] {
-                // Of XPSR the bit that says that it is Thumb code.
+                // The bit of XPSR that says that it is Thumb code.
                 let bytes = value.to_le_bytes();
                 assert!(
                     chip.processor.set_gdb_register(register, &bytes),

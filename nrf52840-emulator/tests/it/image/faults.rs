@@ -350,7 +350,7 @@ fn flooded(faults: Option<fn(&mut Soc)>) -> Outcome {
     outcomes.swap_remove(1)
 }
 
-/// As long as all of it finds room the node reads it, and goes on.
+/// While all of it finds room the node reads it, and goes on.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_flooded_line_with_room_restarts_nobody() {
