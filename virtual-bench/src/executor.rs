@@ -45,7 +45,7 @@ type Boxed = Pin<Box<dyn Future<Output = ()>>>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TaskId {
     slot: usize,
-    /// Of all tasks that there ever were: a place serves many.
+    /// Number among all tasks that there ever were: a place serves many.
     number: u64,
 }
 

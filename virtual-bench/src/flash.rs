@@ -331,7 +331,7 @@ impl Job<'_> {
 struct Operation<'a, const PAGE_LEN: usize> {
     flash: &'a Flash<PAGE_LEN>,
     steps: usize,
-    /// Of these, those that the power lasts for.
+    /// Steps for which the power lasts.
     whole: usize,
     begun: Time,
     job: Job<'a>,

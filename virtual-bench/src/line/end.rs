@@ -11,7 +11,7 @@ const SECOND: Time = 1_000_000_000;
 
 /// A task that waits to write.
 pub(super) struct Writer {
-    /// Until no more than so many bytes are still to be sent.
+    /// Number of bytes still to be sent at which it goes on.
     pub(super) until: usize,
     pub(super) waker: Waker,
 }

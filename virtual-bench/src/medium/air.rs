@@ -90,7 +90,7 @@ struct Lock {
 }
 
 pub(super) struct Node {
-    /// Of a radio elsewhere.
+    /// Ear of a radio elsewhere.
     pub(super) ear: Option<Box<dyn Ear>>,
     pub(super) config: Option<RadioConfig>,
     abilities: Abilities,
@@ -149,7 +149,7 @@ fn stands_out(
 
 struct Transmission {
     from: u32,
-    /// Of the frames of its sender.
+    /// Number among the frames of its sender.
     number: u64,
     channel: Channel,
     start: Time,

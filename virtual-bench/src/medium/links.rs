@@ -15,7 +15,7 @@ pub(super) struct Links {
     pub(super) propagation: Propagation,
     seed: u64,
     places: Vec<Place>,
-    /// Of each node, sorted by the other end.
+    /// Links of each node, sorted by the other end.
     links: Vec<Vec<Link>>,
     /// Width of a cell: no link is longer.
     width: f64,
