@@ -161,7 +161,7 @@ impl<'a> Property<'a> {
         }
     }
 
-    /// Of a command that sets it.
+    /// The property of a command that sets it.
     pub(crate) fn parse_set(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let key = PropertyKey(read_packed(reader)?);
         if key == PropertyKey::STREAM_RAW {
@@ -170,7 +170,7 @@ impl<'a> Property<'a> {
         Self::parse_value(key, reader)
     }
 
-    /// Of a command that tells it.
+    /// The property of a command that tells it.
     pub(crate) fn parse_is(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let key = PropertyKey(read_packed(reader)?);
         if key == PropertyKey::STREAM_RAW {

@@ -57,7 +57,7 @@ impl Bench {
         bench
     }
 
-    /// Until the session waits; returns whether it has sent something.
+    /// Runs until the session waits; returns true if it has sent something.
     pub(crate) fn exchange(
         &mut self,
         peer: &mut impl FnMut(&SpinelMessage<'_>) -> Vec<u8>,
