@@ -57,7 +57,7 @@ pub(crate) struct Line {
 
 struct Wires {
     receive: Peri<'static, AnyPin>,
-    /// Of the same pin.
+    /// Configuration of the same pin.
     configuration: Reg<PinCnf, RW>,
     send: Peri<'static, AnyPin>,
 }

@@ -310,7 +310,7 @@ impl Driver {
 
     /// When the queue is full the frame is lost.
     fn deliver(&self) {
-        // Of a length that no frame has, the packet must not be looked into.
+        // A packet of a length that no frame has must not be looked into.
         let is_possible = usize::from(self.packet.len()) <= FRAME_MAX;
         if is_possible && let Some(frame) = Frame::new(&self.packet) {
             let _ = self.shared.received.try_send(Heard {

@@ -25,7 +25,7 @@ use crate::{
 /// too.
 const RADIO_BAUD: u32 = 115_200;
 
-/// Of the processor and its peripherals.
+/// Clock of the processor and its peripherals.
 pub(crate) const CLOCK_HZ: u32 = 48_000_000;
 
 bind_interrupts!(struct Irqs {

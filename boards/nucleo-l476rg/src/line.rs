@@ -139,8 +139,7 @@ pub(crate) struct Uart(&'static Line);
 pub(crate) struct Divisor(u32);
 
 impl Divisor {
-    /// That of so many bits per second. Not possible while the program is compiled for a rate that a
-    /// UART cannot have.
+    /// The divisor for so many bits per second. Does not compile for a rate that a UART cannot have.
     pub(crate) const fn of(baud: u32) -> Self {
         let divisor = (CLOCK_HZ + baud / 2) / baud;
         // Reference manual RM0351, "USART baud rate generation".
