@@ -84,7 +84,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Of one run.
+/// Instructions of one run.
 fn instructions(program: &PathBuf, arguments: &[&str]) -> Result<u64> {
     let output = Command::new("valgrind")
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
@@ -100,7 +100,7 @@ fn instructions(program: &PathBuf, arguments: &[&str]) -> Result<u64> {
     collected(&said).with_context(|| format!("valgrind told no count: {said}"))
 }
 
-/// From the line `==1234== Collected : 5678`.
+/// Count from the line `==1234== Collected : 5678`.
 fn collected(said: &str) -> Option<u64> {
     let line = said.lines().rfind(|line| line.contains("Collected :"))?;
     line.rsplit_once(": ")?.1.trim().parse().ok()

@@ -18,7 +18,7 @@ pub(super) struct Image {
     pub(super) size: Size,
     /// Name and bytes of the sections in the flash.
     pub(super) sections: Vec<(String, u64)>,
-    /// By address.
+    /// Functions by address.
     pub(super) functions: BTreeMap<u32, Function>,
     /// Name and bytes of the symbols that take memory.
     pub(super) symbols: Vec<Symbol>,

@@ -158,7 +158,7 @@ fn part(lines: &Loader, at: u32, function: &str) -> Result<String> {
         let library = LANGUAGE.iter().find(|(path, _)| file.contains(path));
         language = language.or(library.map(|(_, name)| (*name).to_owned()));
     }
-    // Of assembly the name tells.
+    // The name tells the origin of assembly.
     let is_memory = ["mem", "__aeabi_mem"]
         .iter()
         .any(|start| function.starts_with(start));
@@ -186,7 +186,7 @@ pub(super) fn crate_of(file: &str) -> Option<Crate> {
         return None;
     }
     let (before, after) = file.split_once("/src/")?;
-    // Of a registry the folder of sources is called so, too.
+    // The folder of sources of a registry is called so, too.
     let is_ours = !before.ends_with("registry");
     let (before, _) = if is_ours {
         (before, after)
