@@ -10,8 +10,8 @@ use site::{
     world::World,
 };
 
-/// A camera that has this much of the information of a pose within its limits is to be calibrated:
-/// the bound is what the best pose could reach, with a carrier that errs nowhere.
+/// A camera is to be calibrated if the bound of its sigmas is below this share of their limits. The best pose
+/// could reach that bound, with a carrier that errs nowhere.
 const SHARE_OF_LIMIT: f64 = 0.4;
 
 /// A pose needs so many places.
@@ -26,7 +26,7 @@ const APART: f64 = 0.3;
 /// A target so near to the border of the picture is not counted on, columns.
 const BORDER_COLUMNS: f64 = 4.0;
 
-/// The node of which a power cut, a plug or a picture is never put right.
+/// The node, if it never recovers from a power cut, a plug or a picture.
 fn broken_for_good(event: &ScriptedEvent, end_s: f64) -> Option<u16> {
     let over = event.at_s + event.action.duration_s()?;
     let (Action::PowerCut { node, .. }

@@ -5,13 +5,13 @@ use site::{Action, Forgery, Scenario, ScriptedEvent};
 
 use super::{between, happens};
 
-/// Until the network is formed, seconds.
+/// Time until the network is formed, seconds.
 const SET_UP_S: f64 = 12.0;
 
 /// Approximate duration of a stop, seconds.
 const STOP_S: f64 = 4.0;
 
-/// As long as everything.
+/// Longer than any run, seconds.
 const FOR_EVER_S: f64 = 1e6;
 
 /// Faults of lines between node and camera, with their largest rates.
@@ -38,7 +38,7 @@ fn walk_s(scenario: &Scenario) -> f64 {
     walks.fold(0.0, f64::max)
 }
 
-/// Nothing begins after the last round but one and a quarter; the walk has so many.
+/// Draws faults of a walk of so many rounds. None begins in the last one and a quarter of them.
 pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, rounds: usize) {
     if happens(random, 0.3) {
         for (fault, most) in LINES {

@@ -10,7 +10,7 @@ use super::{between, happens, short};
 /// Units between a camera and the border of the world.
 const MARGIN: f64 = 1.0;
 
-/// Of targets: far from one another.
+/// Colours of targets: far from one another.
 const COLOURS: [[u8; 3]; 2] = [[230, 105, 35], [40, 200, 60]];
 
 fn towards(degrees: f64) -> Vector2<f64> {

@@ -35,7 +35,7 @@ fn happens(random: &mut impl Rng, probability: f64) -> bool {
     random.random_bool(probability)
 }
 
-/// To three digits after the point, as people write files.
+/// Rounds to three digits after the point, as people write files.
 fn short(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }
