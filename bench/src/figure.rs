@@ -18,7 +18,7 @@ struct Figure {
     topic: String,
     name: String,
     value: f64,
-    /// Of a figure that is the mean of random runs.
+    /// Standard error of a figure that is the mean of random runs.
     standard_error: Option<f64>,
     unit: String,
     at_least: Option<f64>,
@@ -49,7 +49,7 @@ pub(crate) struct Estimate {
     pub(crate) standard_error: f64,
 }
 
-/// Where few runs decide, a goal is missed only by so many standard errors.
+/// Standard errors by which a goal is missed where few runs decide.
 const STANDARD_ERRORS: f64 = 4.0;
 
 impl Goal {

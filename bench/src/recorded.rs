@@ -14,15 +14,15 @@ use nalgebra::{Matrix4, Point2, Vector2, Vector4};
 
 use crate::figure::{Goal, Sheet, full_data, quantile};
 
-/// Of one bearing, radians: the sigma with which the goals were computed.
+/// Sigma of one bearing, radians, with which the goals were computed.
 const BEARING_SIGMA: f64 = 0.0086;
 
-/// Of one bearing of the robot of MRCLAM 9: 1.4826 times the median absolute deviation from the
-/// truth. It errs more than the other robots.
+/// Sigma of one bearing of the robot of MRCLAM 9: 1.4826 times the median absolute deviation from the truth. It
+/// errs more than the other robots.
 const BEARING_SIGMA_9: f64 = 0.0119;
 
-/// Of a Roh beacon's place, metres. The near beacon is off by 2 to 5 degrees in bearing, the far
-/// ones by less than 1: as if places were wrong by a hand's breadth, and bearings hardly.
+/// Sigma of a Roh beacon's place, metres. The near beacon is off by 2 to 5 degrees in bearing, the far ones by
+/// less than 1: as if places were wrong by a hand's breadth, and bearings hardly.
 const ROH_TARGET_SIGMA: f64 = 0.2;
 
 /// The row of Betke 97 in the data's README, for the place (1.5, 1.5): metres, degrees.

@@ -32,7 +32,7 @@ struct Case {
     carrier: CarrierErrors,
     bearings: Bearings,
     seeds: u64,
-    /// Of rms x, y and heading.
+    /// Goals of rms x, y and heading.
     rms: [Goal; 3],
     unit: &'static str,
     limits: Limits<f64>,

@@ -38,8 +38,8 @@ fn memory(walk: &Walk) -> JointMemory<'static, f32> {
     }
 }
 
-/// Of the cameras that are no references: errors of x, y and heading (degrees), and squared error
-/// over predicted covariance.
+/// Errors of the cameras that are no references: of x, y and heading (degrees), and squared error over predicted
+/// covariance.
 #[derive(Default)]
 pub(super) struct Errors {
     pub(super) poses: Vec<([f64; 3], f64)>,
@@ -52,7 +52,7 @@ pub(super) struct Run {
     pub(super) open: Option<Errors>,
     /// Cameras that have three bearings.
     pub(super) able: usize,
-    /// Of the joint solution: of reference headings, carrier, last stop.
+    /// NEES of the joint solution: of reference headings, carrier, last stop.
     pub(super) nees: [f64; 3],
     pub(super) passes: usize,
 }

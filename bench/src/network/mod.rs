@@ -59,9 +59,9 @@ struct Case {
     scenario: &'static str,
     carrier: Carrier,
     changes: Overrides,
-    /// Of each path: in full, and in brief.
+    /// Seeds of each path: in full, and in brief.
     seeds: [u64; 2],
-    /// Of the root of the mean square of x, y and heading.
+    /// Goals of the root of the mean square of x, y and heading.
     rms: [Goal; 3],
     nees: Goal,
     /// The share of the cameras that are calibrated.

@@ -19,7 +19,7 @@ const TICK: f64 = 0.01;
 /// Cost of a process.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Cost {
-    /// Of processor, of all its threads.
+    /// Time of the processor, of all its threads.
     pub(super) seconds: f64,
     /// Bytes of memory, at most.
     pub(super) peak: u64,
@@ -34,7 +34,7 @@ impl Cost {
         }
     }
 
-    /// Of a process that runs, so far.
+    /// Cost of a process that runs, so far.
     pub(super) fn so_far(child: &Child) -> anyhow::Result<Self> {
         let id = child.id();
         Ok(Self {
