@@ -10,8 +10,8 @@ const HALF_VIEW: f64 = core::f64::consts::FRAC_PI_6;
 /// Nearest and farthest target.
 const RANGES: (f64, f64) = (1.0, 8.0);
 
-/// Nothing is closer to the danger circle than where a bearing error of one radian moves the
-/// position by this many lengths, to first order. One degree then moves it by about one length.
+/// Largest move of the position by a bearing error of one radian, lengths, to first order: scenes nearer to the
+/// danger circle are left out. One degree then moves it by about one length.
 const LARGEST_POSITION_PER_RADIAN: f64 = 60.0;
 
 /// A camera's true pose, and three targets in its view.

@@ -63,7 +63,7 @@ impl Scene {
         }
     }
 
-    /// To draw a look is in the count: some hundred instructions.
+    /// Draws a look and takes it in. Drawing is in the count: some hundred instructions.
     fn take(&mut self) {
         let n = self.looks;
         self.looks += 1;
