@@ -64,9 +64,9 @@ pub struct StepDetector<T> {
     high: T,
     low: T,
     since_high: T,
-    /// Since the last swing that counted.
+    /// Time since the last swing that counted.
     since_swing: T,
-    /// Since the last swing, whether it counted or not.
+    /// Time since the last swing, whether it counted or not.
     since_any: T,
     /// Running mean of the swings of this walk, or zero.
     usual: T,
