@@ -92,7 +92,7 @@ pub(super) struct Banks<F> {
     active: Option<Active>,
     /// It was opened, not recovered: records that rotted are left out.
     lenient: bool,
-    /// Of the slot being read or written.
+    /// Bytes of the slot being read or written.
     buffer: Buffer,
 }
 

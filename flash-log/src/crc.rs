@@ -16,7 +16,7 @@ impl Crc32 {
         Self(u32::MAX)
     }
 
-    /// Of these bytes.
+    /// The checksum of these bytes.
     pub fn of(bytes: &[u8]) -> u32 {
         let mut crc = Self::new();
         crc.add(bytes);

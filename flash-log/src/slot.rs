@@ -74,7 +74,7 @@ pub(super) fn inspect(slot: &mut [u8], mends: bool) -> Content {
     }
 }
 
-/// Of the header of a bank.
+/// Generation in the header of a bank.
 pub(super) fn generation(slot: &[u8]) -> Option<u32> {
     let value = slot.get(HEAD..).filter(|_| key(slot) == HEADER)?;
     Some(u32::from_le_bytes(*value.first_chunk()?))

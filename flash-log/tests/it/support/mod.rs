@@ -43,7 +43,7 @@ pub struct Faults(Rc<RefCell<Option<Wear>>>);
 
 struct Wear {
     fault: Fault,
-    /// Of so many operations each.
+    /// Share of the operations.
     share: f64,
     range: Range<u32>,
     random: ChaCha8Rng,
