@@ -19,7 +19,7 @@ pub struct Block {
     pub width: u16,
     /// Rows.
     pub height: u16,
-    /// Of a colour code, degrees: -180 to 180. Otherwise 0.
+    /// Angle of a colour code, degrees: -180 to 180. Otherwise 0.
     pub angle: i16,
     /// The same blob has the same number from frame to frame.
     pub index: u8,

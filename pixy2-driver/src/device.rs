@@ -101,7 +101,7 @@ fn passed(session: &mut Session, now: &mut u64, micros: u32) -> Option<Result<An
     session.outcome()
 }
 
-/// Of the kind that was asked for: the session answers with no other.
+/// The answer of the kind that was asked for: the session answers with no other.
 fn taken<T, E>(answer: Option<T>) -> Result<T, Error<E>> {
     answer.ok_or(Error::Camera(Fault::Garbled))
 }

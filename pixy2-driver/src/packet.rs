@@ -24,7 +24,7 @@ pub mod kind {
     pub const ERROR: u8 = 0x03;
     /// Columns and rows.
     pub const RESOLUTION: u8 = 0x0D;
-    /// Of hardware and firmware.
+    /// Versions of hardware and firmware.
     pub const VERSION: u8 = 0x0F;
     /// Blobs.
     pub const BLOCKS: u8 = 0x21;
@@ -84,7 +84,7 @@ pub struct Encoded {
 }
 
 impl Encoded {
-    /// To be sent.
+    /// Bytes to be sent.
     pub fn as_bytes(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or_default()
     }
@@ -175,7 +175,7 @@ impl Parser {
         self.state = State::Sync(None);
     }
 
-    /// Of the packet that came last.
+    /// Payload of the packet that came last.
     pub fn payload(&self) -> &[u8] {
         self.payload
             .get(..usize::from(self.length))

@@ -81,13 +81,13 @@ impl core::error::Error for Fault {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Version {
-    /// Of the board.
+    /// Version of the board.
     pub hardware: u16,
-    /// Of the firmware: before the first point.
+    /// Version of the firmware: the number before the first point.
     pub major: u8,
-    /// After it.
+    /// The number after it.
     pub minor: u8,
-    /// After the second point.
+    /// The number after the second point.
     pub build: u16,
 }
 
