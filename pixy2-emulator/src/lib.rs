@@ -36,11 +36,11 @@ pub use sight::TOLERANCE;
 pub type Time = cmucam2_emulator::Time;
 
 const SECOND: Time = 1_000_000_000;
-/// From power-up to the first answer.
+/// Time from power-up to the first answer.
 const START: Time = 2 * SECOND;
 /// 60 frames a second.
 const FRAME: Time = SECOND / 60;
-/// From a request to its answer.
+/// Time from a request to its answer.
 const THINKS: Time = 100_000;
 
 /// Columns and rows in which blobs are told.
@@ -58,7 +58,7 @@ pub struct Configuration {
     pub signatures: Vec<Rgb>,
     /// Probability that one byte of an answer is another.
     pub corrupt_line: f64,
-    /// Of noise and faults.
+    /// Seed of noise and faults.
     pub seed: u64,
 }
 
@@ -191,7 +191,7 @@ impl Emulator {
         Some(told.flat_map(|found| self.block(found)).collect())
     }
 
-    /// As it is told: 14 bytes.
+    /// A blob as it is told: 14 bytes.
     fn block(&self, found: &Found) -> [u8; 14] {
         let [left, top, right, bottom] = found.edges;
         let (width, height) = (right - left, bottom - top);

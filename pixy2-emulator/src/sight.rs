@@ -278,7 +278,7 @@ fn merge(blobs: &mut Vec<Found>) -> bool {
 mod tests {
     use super::*;
 
-    /// From unit 10 on so many of one colour: where the segment is told to begin and to end.
+    /// Begins and ends that are told for segments of so many units of one colour, from unit 10 on.
     fn told(count: usize) -> Vec<[usize; 2]> {
         let mut units = vec![0; UNITS];
         units[10..10 + count].fill(1);

@@ -35,7 +35,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// Of this rate, bits per second.
+    /// A line of this rate, bits per second.
     pub fn new(baud: u32, corrupt: f64, seed: u64) -> Self {
         Self {
             byte_time: BITS * (SECOND / Time::from(baud.max(1))),
