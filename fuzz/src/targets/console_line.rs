@@ -42,7 +42,7 @@ pub(crate) fn run(bytes: &[u8]) {
     let record = view.record(now, None);
     let written = record.to_json(false).expect("a record is text");
     let read = RunRecord::from_json(&written);
-    // Of a network of which nothing is known there is nothing to solve.
+    // A network of which nothing is known has nothing to solve.
     assert!(
         matches!(read, Ok(_) | Err(RecordError::NoCameras)),
         "{read:?}"
