@@ -107,7 +107,7 @@ class Brush {
     context.fillText(String(words), x, y);
   }
 
-  // A shape for each status, so that nobody needs the colour.
+  // A shape for each status, so that it can be read without the colour.
   symbol(status, colour, isAbsent) {
     const {context} = this;
     context.fillStyle = isAbsent || status === 'waiting' ? this.colours.ground : colour;

@@ -93,7 +93,7 @@ function grab(item, key, move) {
   };
 }
 
-// Whoever comes by key.
+// Selects an item that gets the focus by key.
 function pick(item) {
   if (dragging || JSON.stringify(selected) === JSON.stringify(item)) return;
   selected = item;

@@ -73,7 +73,7 @@ function networkAt(x, y) {
 
 function addCamera(x, y, headingDeg, network) {
   const ids = cameras().map(({camera}) => camera.id);
-  // The lowest number that nobody has.
+  // The lowest number that no node has.
   let id = 1;
   while (ids.includes(id) || site.taken.includes(id)) id += 1;
   change(() => {

@@ -176,7 +176,7 @@ if (!source.isFile) {
   });
 }
 
-// For whoever tests the page: what is shown at this moment.
+// For tests of the page: the state that is shown at this moment.
 window.shown = () => {
   const {record, verdict, seconds} = timeline.follows ? eventHistory.latest : eventHistory.at(timeline.seconds);
   return {record, verdict, seconds};

@@ -1,4 +1,4 @@
-// Which moment is shown: the latest, or one that somebody chose; and replay from there.
+// The moment that is shown: the latest, or one that the user chose; and replay from there.
 
 class Timeline {
   constructor(history, changed) {
