@@ -148,7 +148,7 @@ enum End {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    // The program tells what is wrong with a file before it waits for the coordinator.
+    // Errors in a file are told before the program waits for the coordinator.
     let site = arguments.site.as_deref();
     let file = site.filter(|name| !BUILT_IN.iter().any(|(known, _)| known == name));
     let files = Files::default()
@@ -235,7 +235,7 @@ pub(super) fn check_ports(ports: &[String]) -> anyhow::Result<()> {
 
 pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
     let site = Scenario::load(name, &Overrides::default())?;
-    // What is wrong with it is told before any waiting.
+    // Errors in it are told before any waiting.
     SitePlan::new(&site, &[])?;
     Ok(site)
 }

@@ -153,7 +153,7 @@ fn check_apart(file: &Path, read: &[Known], seen: &mut Vec<Known>) -> anyhow::Re
 /// Place where a file is or will be: the same for all of its names.
 pub(super) fn place(file: &Path) -> PathBuf {
     let mut place = resolved(file);
-    // What remains are links to files that do not exist yet.
+    // The rest are links to files that do not exist yet.
     for _ in 0..LINKS_MAX {
         let Ok(target) = fs::read_link(&place) else {
             break;

@@ -66,7 +66,7 @@ impl Happenings {
         })
     }
 
-    /// Returns true if it is time to look at the record, and events or packets are to be written.
+    /// Returns true if events are wanted, and it is time to look at the record.
     pub(super) fn is_due(&self, now: Duration) -> bool {
         let is_late = |at| now.saturating_sub(at) >= LOOKS;
         self.events.is_some() && self.looked.is_none_or(is_late)

@@ -248,7 +248,7 @@ impl Line {
             Ok(Err(failure)) => Err(Trouble::Wish(failure)),
             Err(PortError::Interrupted) => Err(Trouble::Interrupted),
             Err(error) => {
-                // Only one process at a time can have the port.
+                // The port is closed here, because it can be open only once.
                 self.port = Err(now);
                 Err(Trouble::Line(format!("the line failed: {error}")))
             }

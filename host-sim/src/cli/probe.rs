@@ -241,7 +241,7 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 }
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
-    // The program tells what is wrong with a file before it waits for the camera.
+    // Errors in a file are told before the program waits for the camera.
     Files::default()
         .reads(&arguments.port)
         .writes(&arguments.frame)

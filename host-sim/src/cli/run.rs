@@ -53,7 +53,7 @@ pub(super) struct Arguments {
     /// Stops that this takes at most, after those of the way.
     #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated", allow_negative_numbers = true)]
     further_stops: usize,
-    /// Processor that runs the firmware of the nodes.
+    /// Program or chip that runs the firmware of the nodes.
     #[arg(long, value_name = "WHAT", default_value = "host")]
     backend: Backend,
     /// A real camera on a serial port for a camera node, at the rate of the scenario's cameras and
@@ -93,7 +93,7 @@ pub(super) struct Arguments {
     /// The run as a small picture that moves, for a page about it: no script, no page of its own.
     #[arg(long, value_name = "FILE.svg", value_parser = values::result())]
     animation: Option<PathBuf>,
-    /// Messages and news of every node, with the time.
+    /// Everything that a node sends or learns, with the time.
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
 }

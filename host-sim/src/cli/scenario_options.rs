@@ -32,7 +32,7 @@ pub(super) struct ScenarioOptions {
     /// Cameras of a grid.
     #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     nodes: Option<usize>,
-    /// Kind of pictures: rendered and counted, or by a scan of equal angles as in Stage.
+    /// Way of making pictures: rendered and counted, or by a scan of equal angles as in Stage.
     #[arg(long, value_name = "KIND")]
     camera: Option<Kind>,
     /// The lens that all nodes believe to have, whatever they have.

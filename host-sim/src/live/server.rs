@@ -277,7 +277,7 @@ impl Server {
         let is_own = host == address.to_string();
         let is_local =
             address.ip().is_loopback() && host == format!("localhost:{}", address.port());
-        // On all addresses, the right one is not known; but a name could belong to any computer.
+        // If it serves on all addresses, any address may be its own; but a name could belong to any computer.
         let is_any = address.ip().is_unspecified()
             && host
                 .parse::<SocketAddr>()

@@ -76,7 +76,7 @@ impl io::Write for Orders {
     }
 }
 
-/// Tells whether all nodes of a network have presented themselves.
+/// Flag that all nodes of a network have presented themselves, to wait for.
 #[derive(Default)]
 pub(super) struct RollCall {
     is_complete: Cell<bool>,

@@ -311,7 +311,7 @@ async fn hurry(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, stan
     node.hurry(stand, false);
 }
 
-/// Nodes may move meanwhile, and get power: jammed channels at a node's own place are told so often.
+/// Nodes may move meanwhile, and get power: emulated chips are told so often which channels are jammed.
 const JAM_TOLD: Time = 100_000_000;
 
 async fn jam(clock: Clock, during: std::ops::Range<Time>, nodes: Vec<Rc<Node>>) {

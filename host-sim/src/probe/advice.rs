@@ -17,7 +17,7 @@ pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     }
 }
 
-/// Advice when the camera stops answering after packets have come: its set-up was right, so it is not that.
+/// Advice when the camera stops answering after packets have come: its set-up was right, so it is another cause.
 pub fn fell_silent(packets: u64) -> String {
     let plural = if packets == 1 { "" } else { "s" };
     listed(

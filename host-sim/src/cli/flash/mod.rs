@@ -120,7 +120,7 @@ impl Arguments {
             tell(install);
         }
         let image = self.image()?;
-        // Beside the image, where no leftover file disturbs anyone.
+        // Beside the image, where a file that is left over is not in the way.
         let beside = Beside {
             erased: image.with_extension("erased.bin"),
             enabled: image.with_extension("approtect.bin"),

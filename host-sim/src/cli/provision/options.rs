@@ -86,7 +86,7 @@ pub(super) struct Options {
     /// The target's colour number, from 0.
     #[arg(long, value_name = "N", help_heading = "Target")]
     target_colour: Option<u8>,
-    /// Constant error of its step sensor's compass on each axis, uT.
+    /// Offset of its step sensor's compass on each axis, uT.
     #[arg(
         long,
         value_name = "X,Y,Z",

@@ -47,7 +47,7 @@ const LEFT: f64 = 0.624;
 pub(super) struct Carrier {
     /// Its `K`, in the scenario's unit over (m/s^2)^(1/4).
     pub(super) step_length: f32,
-    /// Field of the magnetic things about it, uT.
+    /// Magnetic field of its own parts, uT.
     hard_iron: [f64; 3],
     /// Direction that it faces, as the sensor counts: counter-clockwise from magnetic east.
     facing: f64,
@@ -56,7 +56,7 @@ pub(super) struct Carrier {
 }
 
 impl Carrier {
-    /// A carrier with usual steps of this length and a page that says so.
+    /// A carrier with usual steps of this length, and with the page's values.
     pub(super) fn new(usual: f64, step_length: f32, hard_iron: [f32; 3]) -> Self {
         let amplitude = amplitude(usual, step_length.into());
         let [least, most] = SWINGS;
