@@ -1,4 +1,4 @@
-//! Nothing is lost: no result replaces what is read, and who is ended leaves what was done.
+//! Nothing is lost: no result replaces a file that is read, and a command that is ended leaves its results.
 #![cfg(unix)]
 
 use std::{
@@ -19,7 +19,7 @@ use crate::common::{Files, LineEnd, run, wait_until};
 
 const IS_READ: &str = "is read, and would be replaced by a result";
 
-/// Refused, and all of these files are as they were.
+/// Checks that the command is refused, and that all of these files are unchanged.
 #[track_caller]
 fn keeps(arguments: &[&str], files: &[&str]) {
     let before: Vec<_> = files.iter().map(|file| fs::read(file).unwrap()).collect();
@@ -121,7 +121,7 @@ impl Work {
         Self::on(arguments, Stdio::piped())
     }
 
-    /// It tells its errors there.
+    /// Starts it, with its errors to `stderr`.
     fn on(arguments: &[&str], stderr: Stdio) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
         command
@@ -136,7 +136,7 @@ impl Work {
         kill_process(Pid::from_child(&self.0), signal).unwrap();
     }
 
-    /// Its exit code, and what it said.
+    /// Its exit code, and its output.
     fn end(mut self) -> (Option<i32>, String, String) {
         let (mut stdout, mut stderr) = (String::new(), String::new());
         let out = self.0.stdout.as_mut().unwrap();
@@ -156,7 +156,7 @@ impl Drop for Work {
     }
 }
 
-/// The signals of a line of what Linux tells of a process.
+/// The signals of a line of Linux's status of a process.
 #[cfg(target_os = "linux")]
 fn signals(of: &Work, line: &str) -> u64 {
     let status = fs::read_to_string(format!("/proc/{}/status", of.0.id())).unwrap();
@@ -171,7 +171,7 @@ fn is_asleep(work: &Work) -> bool {
     status.lines().any(|line| line == "State:\tS (sleeping)")
 }
 
-/// In such a line.
+/// Bit of the signal in such a line.
 #[cfg(target_os = "linux")]
 const INTERRUPT: u64 = 1 << (Signal::INT.as_raw() - 1);
 /// The last signal that the program begins to watch.
@@ -216,7 +216,7 @@ fn who_is_interrupted_leaves_report_and_files() {
             );
         }
         assert!(fs::read_to_string(&log).unwrap().ends_with('\n'));
-        // Nobody takes it for a whole run later.
+        // It is not taken for a whole run later.
         let again = run(&["report", "run", &json]);
         assert_eq!(again.code, 1);
         assert!(
