@@ -27,7 +27,7 @@ pub fn quantile(ascending: &[f64], q: f64) -> Option<f64> {
     Some(low + (high - low) * (place - below as f64))
 }
 
-/// What a set of errors is like.
+/// Statistics of a set of errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Half of the errors are below.
@@ -121,7 +121,7 @@ impl Comparisons {
     }
 }
 
-/// How good answers are.
+/// Accuracy of answers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accuracy {
     /// Distances between answers and truth, in the unit of the targets' places.

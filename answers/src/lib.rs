@@ -1,4 +1,4 @@
-//! What a calibration came to.
+//! Results of a calibration.
 //!
 //! The same answers for recorded sightings, a rehearsed network and a real one: poses with their
 //! status, how well sightings fit them, a verdict with the next stop, records, drawings and exports.

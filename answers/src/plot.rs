@@ -36,14 +36,14 @@ pub struct MapCamera {
     pub name: String,
     /// Where, and how sure.
     pub pose: Pose<f64>,
-    /// What the pose is worth: tells colour and shape.
+    /// Status of the pose, shown by colour and shape.
     pub status: Status,
 }
 
-/// What to draw.
+/// Content of a drawing.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
-    /// What it shows.
+    /// Title of the drawing.
     pub title: String,
     /// Name of the unit of length.
     pub unit: String,

@@ -27,7 +27,7 @@ pub(super) struct Visit {
     pub sigma: f64,
 }
 
-/// What goes into an estimator.
+/// Input of an estimator.
 #[derive(Clone, Debug)]
 pub(super) struct Input {
     pub cameras: usize,
@@ -41,7 +41,7 @@ pub(super) struct Input {
     pub visits: Vec<Visit>,
 }
 
-/// How much is asked of an estimator: poses alone cost least.
+/// Amount of work asked of an estimator: poses alone cost least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Depth {
     /// Poses, places and carrier from all measurements as they are.
@@ -60,7 +60,7 @@ impl Depth {
     }
 }
 
-/// What comes out.
+/// Output of an estimator.
 #[derive(Clone, Debug)]
 pub(super) struct Output {
     pub fit: Fit<f64>,
@@ -270,7 +270,7 @@ mod tests {
         }
     }
 
-    /// What is found, told and left out does not depend on which equations are solved.
+    /// The results, and what is left out, do not depend on which equations are solved.
     #[test]
     fn sparse_equations_say_the_same() {
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-5 * (1.0 + b.abs());

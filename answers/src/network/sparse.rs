@@ -23,7 +23,7 @@ struct Row {
     residual: f64,
 }
 
-/// What a node's elimination leaves: a panel of its own unknowns' columns.
+/// Result of a node's elimination: a panel of its own unknowns' columns.
 #[derive(Clone, Debug, Default)]
 struct Panel {
     /// The nodes after it that it is tied to, in the order of elimination.

@@ -14,7 +14,7 @@ use crate::record::sightings::{Bearing, Carrier as Known, Leg, Lens, Range, Visi
 const SIGMA: f64 = 0.0024;
 const TARGET: u16 = 20;
 
-/// What was measured on a walk: camera `n` has number `n + 1`, stop `n` number `n + 1`.
+/// Measurements of a walk: camera `n` has number `n + 1`, stop `n` number `n + 1`.
 fn measured(walk: &Walk) -> Sightings {
     let bearings = walk.bearings.iter().map(|seen| Bearing {
         target: TARGET,
@@ -278,7 +278,7 @@ fn without_a_baseline_the_carrier_sets_the_scale() {
             .unwrap();
         stops += off.dot(&(information * off));
         runs += 1;
-        // Nobody can know the carrier's scale then.
+        // The carrier's scale cannot be known then.
         let carrier = solution.carrier.unwrap();
         assert_eq!((carrier.scale, carrier.sigma_scale), (1.0, 0.05));
     }
@@ -296,7 +296,7 @@ fn without_a_baseline_the_carrier_sets_the_scale() {
     assert!(band.contains(&(poses / 3.0)), "{poses} of {numbers}");
 }
 
-/// Nobody knows how the target came to a stop in the middle; its carrier may have been anywhere.
+/// It is not known how the target came to a stop in the middle; its carrier may have been anywhere.
 #[test]
 fn a_walk_goes_on_after_a_gap() {
     let (mut sum, mut count, mut after) = (0.0, 0, 0);

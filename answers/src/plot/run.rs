@@ -20,9 +20,9 @@ use super::{
 use crate::accuracy::quantile;
 use crate::record::{Node, RunRecord};
 
-/// How many times larger than they are errors and ellipses may be drawn.
+/// Factors by which errors and ellipses may be enlarged in a drawing.
 const TIMES: [f64; 7] = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
-/// What a usual ellipse's longer half axis should be, and the largest error, pixels.
+/// Size that a usual ellipse's longer half axis, and the largest error, should have, pixels.
 const WELL_VISIBLE: f64 = 16.0;
 const TOO_FAR: f64 = 70.0;
 /// Up to so many stops all have their numbers; of more, those for whose numbers there is room.
@@ -279,7 +279,7 @@ fn name(camera: &Node) -> String {
     format!("{}{}", camera.id, if camera.reference { "*" } else { "" })
 }
 
-/// What an error and its predicted sigma are of, with its heading and the two values.
+/// Component of the pose: its heading in the drawing, and its error with the predicted sigma.
 type Component = (&'static str, fn(&Node) -> Option<(f64, f64)>);
 
 /// Errors in x, y and heading of every camera, against one and two predicted sigmas.

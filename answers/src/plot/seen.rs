@@ -1,4 +1,4 @@
-//! What a camera sees of the ground: its field of view as far as walls let it.
+//! The ground that a camera sees: its field of view as far as walls let it.
 
 use nalgebra::{Point2, Vector2};
 
@@ -41,7 +41,7 @@ pub(super) fn outline(
     std::iter::once(eye).chain(arc).collect()
 }
 
-/// How far a ray along a unit vector runs until it hits a wall.
+/// Distance that a ray along a unit vector runs until it hits a wall.
 fn hit(eye: Point2<f64>, ray: Vector2<f64>, [a, b]: &Wall) -> Option<f64> {
     let (along, to) = (b - a, a - eye);
     let determinant = ray.perp(&along);

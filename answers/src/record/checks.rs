@@ -1,8 +1,8 @@
 //! Why poses of a network are not checked, and where to stop so that they are: the planner's
 //! [`Checks`], of cameras that stand where they are believed to.
 //!
-//! What was measured is taken from the record where it has that. Otherwise, as of a real network, it is
-//! what cameras told of their sightings, and what the references must have seen.
+//! Measurements are taken from the record where it has them. Otherwise, as of a real network, they are those
+//! that cameras told of their sightings, and those that the references must have seen.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +29,7 @@ const UNKNOWNS: usize = 3;
 /// Sigma of a bearing of which nothing is known, radians: a quarter of a column of 60 degrees.
 const USUAL_BEARING: f64 = 0.003;
 
-/// What there is to say about poses that are not checked.
+/// Advice about poses that are not checked.
 #[derive(Debug, Default)]
 pub(super) struct Unchecked {
     /// Of each of these cameras what could be wrong without anybody's noticing.
@@ -78,7 +78,7 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
     }
 }
 
-/// How much is checked, of how much there is.
+/// Number of poses that are checked, and number that could be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// Poses: of [checkable](Node::is_checkable) ones those that [are checked](Node::is_checked).
@@ -165,7 +165,7 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// `None` where nobody knows what cameras see.
+    /// `None` where it is not known what cameras see.
     fn stops(&self, network: u16, wishing: &[usize]) -> Option<Vec<NextStop>> {
         let standing: Option<Vec<_>> = { self.cameras.iter() }
             .map(|camera| stands(camera, true))
@@ -208,7 +208,7 @@ impl<'a> Walk<'a> {
                     let stop = self.target.stops.get(again)?;
                     Some(stop.stop)
                 }),
-                // A stop that ties others together helps whoever does not see it.
+                // A stop that ties others together also helps a camera that does not see it.
                 seen_by: if own.is_empty() { ids(&|_| true) } else { own },
             }
         });
@@ -216,13 +216,13 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// What is tolerated, in the unit of the site and in radians.
+/// Levels that are tolerated, in the unit of the site and in radians.
 fn tolerance(record: &RunRecord) -> Tolerance {
     let limits = &record.limits;
     [limits.sigma_position, limits.sigma_heading_deg.to_radians()].map(|limit| RARE * limit)
 }
 
-/// What was measured on a walk.
+/// Measurements of a walk.
 fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) -> Option<Survey> {
     let stops: Vec<Point2<f64>> = { target.stops.iter() }
         .map(|stop| Point2::new(stop.x, stop.y))

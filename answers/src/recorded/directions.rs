@@ -14,10 +14,10 @@ use super::{
 /// cameras of small robots reach.
 pub const USUAL_BEARING_SIGMA: f64 = 0.0087;
 
-/// What a direction's column is called, as bearings in radians, in degrees and as pixel columns.
+/// Names of a direction's column, as bearings in radians, in degrees and as pixel columns.
 pub(super) type Names = [&'static str; 3];
 
-/// How directions are written down.
+/// Form in which directions are written down.
 #[derive(Clone, Copy)]
 enum Unit {
     Radians,
@@ -109,7 +109,7 @@ impl<const N: usize> Directions<N> {
         Ok(rays)
     }
 
-    /// Whether the sigma of a direction comes from the camera.
+    /// Returns true if the sigma of a direction comes from the camera.
     pub(super) fn are_pixels(&self) -> bool {
         matches!(self.unit, Unit::Pixels(_))
     }

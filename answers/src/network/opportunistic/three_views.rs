@@ -41,7 +41,7 @@ pub(super) struct Common {
     pub sigmas: [f64; 3],
 }
 
-/// How the second and third camera stand to the first, which is at the origin and looks along the x
+/// Poses of the second and third camera relative to the first, which is at the origin and looks along the x
 /// axis; distances have no unit.
 #[derive(Clone, Copy, Debug)]
 struct Motion {

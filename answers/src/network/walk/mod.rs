@@ -29,12 +29,12 @@ const EXACT: f64 = 1e-5;
 const LEAST_LEG: f64 = 1e-5;
 /// Sigma of a displacement that weighs nothing, in baselines.
 const WEIGHTLESS: f64 = 1e4;
-/// Focal lengths as if nobody had looked at the lens, one sigma.
+/// Focal lengths of unknown lenses, one sigma.
 const ANY_LENS: f64 = 0.3;
 /// Cameras take part up to these sigmas: of position, in baselines, and of heading, radians.
 const LIMITS: [f64; 2] = [0.3, 0.5];
 
-/// What was measured along one walk, by the numbers of the estimator.
+/// Measurements along one walk, by the numbers of the estimator.
 pub(super) struct Walk<'a> {
     sightings: &'a Sightings,
     target: u16,
@@ -303,8 +303,8 @@ impl<'a> Walk<'a> {
         Ok((part, output, [baseline, 0.0]))
     }
 
-    /// Finds out where pieces are of which two cameras with a pose see a stop, or that come to a mark
-    /// of which the place is known. Whether there are new ones.
+    /// Finds out where pieces are of which two cameras with a pose see a stop, or that come to a mark of which
+    /// the place is known. Returns true if there are new ones.
     fn locate(&self, pieces: &mut [Piece], part: &Part, known: &Output) -> bool {
         // Where a stop stood on the same mark as one that is solved.
         let on_mark = |stop: usize| {
@@ -418,12 +418,12 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// What a carrier walked of what he read.
+/// True way of a carrier for the way that he reads.
 fn true_way(read: Vector2<f64>, known: &Output) -> Vector2<f64> {
     angle::rotation(-known.carrier.compass) * read / known.carrier.scale
 }
 
-/// What he reads of a way.
+/// Way that he reads for a true way.
 fn read_way(way: Vector2<f64>, known: &Output) -> Vector2<f64> {
     angle::rotation(known.carrier.compass) * way * known.carrier.scale
 }

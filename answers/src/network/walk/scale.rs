@@ -1,4 +1,4 @@
-//! A network whose baseline nobody knows.
+//! Network whose baseline is not known.
 
 use calib_core::{
     Pose, angle,

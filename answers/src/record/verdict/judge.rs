@@ -19,7 +19,7 @@ pub struct Judge {
     networks: BTreeMap<u16, Known>,
 }
 
-/// What concerns all networks.
+/// Findings that concern all networks.
 #[derive(Clone, Debug, PartialEq)]
 struct Site {
     limits: Limits,
@@ -39,7 +39,7 @@ struct Known {
 /// Number of a camera that a stop is wanted for, and two properties of what is wanted.
 type Wished = (u16, bool, bool);
 
-/// What a record has of one network.
+/// Content of a record about one network.
 #[derive(Clone, Debug, Default)]
 struct Part {
     nodes: Vec<Node>,
@@ -149,7 +149,7 @@ impl View<'_> {
 }
 
 impl Part {
-    /// Whether its cameras saw its own targets only.
+    /// Returns true if its cameras saw its own targets only.
     fn is_alone(&self) -> bool {
         let is_own = |target: u16| self.targets.iter().any(|own| own.id == target);
         let mut seen = self.nodes.iter().flat_map(|node| &node.residuals);
