@@ -44,9 +44,9 @@ impl NetworkConfigs {
 
 /// The configurations of all nodes of all networks, each of them checked.
 ///
-/// They come from the file alone: cameras that are no references need no places. What the file
-/// leaves out has the firmware's default; [`Scenario::assumptions`] tells which of these should
-/// rather have been said.
+/// They come from the file alone: cameras that are no references need no places. Values that the file leaves
+/// out have the firmware's default; [`Scenario::assumptions`] tells which of these should rather have been
+/// said.
 ///
 /// # Errors
 /// A node cannot be configured to what the file says.
@@ -100,7 +100,7 @@ impl NetworkTable {
         self.frame_between(self.references.cameras)
     }
 
-    /// What its nodes are told of its frame.
+    /// Known parts of the frame, as its nodes are told them.
     ///
     /// # Errors
     /// They are to be told what the file does not say. `name` is what the network is called.

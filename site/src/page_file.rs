@@ -24,7 +24,7 @@ pub enum PageFileError {
     /// The operating system's answer.
     #[error("it cannot be read")]
     Read(#[source] io::Error),
-    /// What is wrong with its bytes.
+    /// Its bytes are wrong.
     #[error("it is no page for a node: {0}")]
     Page(PageError),
     /// More would go over what comes behind the page in the flash; less was cut off.

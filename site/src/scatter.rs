@@ -30,7 +30,7 @@ impl ScatterTable {
         heading_deg: 3.0,
     };
 
-    /// Whether nothing is moved.
+    /// Returns true if nothing is moved.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }

@@ -81,21 +81,20 @@ pub const FIRST: f64 = 2.0;
 /// Random starts of an exchange.
 const STARTS: usize = 6;
 
-/// How stops are chosen.
+/// Method by which stops are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Placement {
     /// Where they tell most.
     #[default]
     Planned,
-    /// There, and then at further ones: until one wrong measurement that nobody notices could do no harm
-    /// to any pose.
+    /// There, and then at further ones: until one unnoticed wrong measurement could do no harm to any pose.
     Checked,
     /// At any places in view; only the references' stops are planned.
     Anywhere,
 }
 
-/// What to plan.
+/// Task of the planner.
 #[derive(Clone, Debug)]
 pub struct Task<'a> {
     /// Its cameras and obstacles; its targets do not matter.
@@ -104,7 +103,7 @@ pub struct Task<'a> {
     pub bounds: [Point2<f64>; 2],
     /// The references, and what is known of them; indices of the world's cameras.
     pub references: [usize; 2],
-    /// What the references know.
+    /// Prior knowledge of the references.
     pub known: Known<f64>,
     /// The other cameras, as indices of the world's.
     pub cameras: &'a [usize],
@@ -112,7 +111,7 @@ pub struct Task<'a> {
     pub radius: f64,
     /// Stops in view of each camera, 3 or more, and of both references up to [`REFERENCE_STOPS`].
     pub stops: usize,
-    /// How they are chosen.
+    /// Method by which they are chosen.
     pub placement: Placement,
     /// Errors to plan for.
     pub noise: Noise,
@@ -165,7 +164,7 @@ pub enum PlanError {
          `stops`, or a target of smaller `radius`"
     )]
     References {
-        /// How many were wanted.
+        /// Number of stops that were wanted.
         stops: usize,
     },
     /// A camera has too few places.
@@ -177,7 +176,7 @@ pub enum PlanError {
     Camera {
         /// Index of the world's camera.
         camera: usize,
-        /// How many were wanted.
+        /// Number of stops that were wanted.
         stops: usize,
     },
     /// Obstacles are in the way.
@@ -307,7 +306,7 @@ impl Task<'_> {
             .ok_or(refused)
     }
 
-    /// Whether the reference solve has one answer, even were all noise twice as much.
+    /// Returns true if the reference solve has one answer, even were all noise twice as much.
     fn is_unambiguous(&self, places: &[Point2<f64>]) -> bool {
         let cameras = self.references.map(|index| &self.world.cameras()[index]);
         let baseline = cameras[1].place - cameras[0].place;
@@ -447,7 +446,7 @@ impl Task<'_> {
         }
     }
 
-    /// What each camera would count of these places, the first ones being the references'.
+    /// Sightings that each camera would count at these places, the first ones being the references'.
     fn first_sightings(
         &self,
         places: &[Point2<f64>],

@@ -125,7 +125,7 @@ impl Route {
 /// Lengths that differ by no more are the same.
 const ROUNDING: f64 = 1e-6;
 
-/// What an order costs beside its length.
+/// Price of an order beside its length.
 pub(super) trait Price {
     /// Of this order, of which others are changes from now on.
     fn settle(&mut self, order: &[usize]) -> f64;
@@ -209,7 +209,7 @@ mod tests {
         }
     }
 
-    /// What a change adds is told from its ends alone.
+    /// A change's length is told from its ends alone.
     #[test]
     fn a_change_is_as_long_as_its_ends_say() {
         let places: Vec<_> = (0..7)

@@ -5,7 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{Camera, World, half_width, obstacle::Shadow};
 use cmucam2_emulator::{Extent, Object, Place, Rgb, Shape};
 
-/// What a camera sees of one ball.
+/// Sight that a camera has of one ball.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sight {
     /// Distance of its middle.
@@ -20,7 +20,7 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Whether all of its width is in the picture and nothing hides any of it.
+    /// Returns true if all of its width is in the picture and nothing hides any of it.
     pub fn is_whole(&self) -> bool {
         let [right, left] = [
             self.bearing - self.half_width,
@@ -29,14 +29,14 @@ impl Sight {
         matches!(self.visible[..], [[a, b]] if a <= right && b >= left)
     }
 
-    /// How much of its width is in the picture and not hidden, 0 to 1.
+    /// Share of its width that is in the picture and not hidden, 0 to 1.
     pub fn visible_share(&self) -> f64 {
         let seen: f64 = self.visible.iter().map(|[right, left]| left - right).sum();
         (seen / (2.0 * self.half_width)).min(1.0)
     }
 }
 
-/// What a camera sees.
+/// View of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
     /// Number of a target and what is seen of it, the farthest first.
@@ -57,7 +57,7 @@ pub struct Patch {
 }
 
 impl View {
-    /// What is seen of a target.
+    /// Sight of a target.
     pub fn of(&self, target: usize) -> Option<&Sight> {
         let found = self.sights.iter().find(|(index, _)| *index == target);
         found.map(|(_, sight)| sight)
@@ -207,7 +207,7 @@ impl Ball {
     }
 }
 
-/// What is left of an interval when shadows are taken away.
+/// Parts of an interval that are left when shadows are taken away.
 fn without([mut from, to]: [f64; 2], mut shadows: Vec<Shadow>) -> Vec<[f64; 2]> {
     shadows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut left = Vec::new();

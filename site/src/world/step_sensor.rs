@@ -1,4 +1,4 @@
-//! What a step sensor makes of steps.
+//! Measurements that a step sensor makes of steps.
 
 use calib_core::dead_reckoning::Step;
 use nalgebra::Vector2;
@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::walker::Stride;
 
-/// How a step sensor errs.
+/// Errors of a step sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorErrors {
     /// It measures what was walked. Otherwise it reports what was planned from goal to goal, as the
@@ -54,7 +54,7 @@ impl StepSensor {
         }
     }
 
-    /// What it reports of a step.
+    /// Returns its report of a step.
     ///
     /// The sigmas are those of its random errors, less the undeclared ones. An error that a leg's steps share is given as the
     /// independent error that would grow as much over that leg; of its biases it knows nothing.

@@ -1,5 +1,5 @@
-//! What the planned stops of `thesis-13` are good for, before any firmware runs: the whole chain from
-//! the reference solve on, with whole-pixel columns and a target that stands a little off its goals.
+//! Accuracy of the planned stops of `thesis-13` before any firmware runs: the whole chain from the reference
+//! solve on, with whole-pixel columns and a target that stands a little off its goals.
 
 use calib_core::{
     Ray, Sighting, angle,
@@ -49,7 +49,7 @@ fn stands(network: &Network, seed: u64) -> Vec<Point2<f64>> {
     stands
 }
 
-/// What a node makes of the first and the last column of a blob.
+/// Measure that a node makes of the first and the last column of a blob.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Estimate {
     /// The mean of the angles of its two edges, half a column outside of them.
@@ -60,7 +60,7 @@ enum Estimate {
     WholeColumn,
 }
 
-/// Which sightings a camera uses.
+/// Sightings that a camera uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Uses {
     /// All that it gets on the way.

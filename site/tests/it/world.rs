@@ -1,4 +1,4 @@
-//! What cameras see, how targets walk, what their sensors say.
+//! Views of cameras, walks of targets and reports of their sensors.
 
 use std::f64::consts::PI;
 
@@ -282,8 +282,8 @@ fn a_walk_goes_as_the_thesis_has_it() {
     }
 }
 
-/// What a target tells of its stops has no systematic error: along the way that it came and across it
-/// stands off by zero on average, with the sigma that the gait says, and anew at each stop.
+/// The places that a target tells of its stops have no systematic error: along the way that it came and
+/// across it it stands off by zero on average, with the sigma that the gait says, and anew at each stop.
 #[test]
 fn it_stands_off_its_stops_on_any_side() {
     let gait = Gait::default();
