@@ -8,10 +8,10 @@
 //! | [`recorded`] | Reads sightings, true poses and stops from CSV files. |
 //! | [`answer`] | Gives every recorded case one answer. |
 //! | [`accuracy`] | Compares answers with the truth: error quantiles, and how honest the sigmas are. |
-//! | [`record`] | What one run of a network came to: its data, statistics, verdict; many runs together. |
+//! | [`record`] | Keeps the results of one run of a network: its data, statistics, verdict; many runs together. |
 //! | [`report`] | Prints answers and runs as tables or as JSON. |
-//! | [`view`] | What a PC on a coordinator's line knows of its network, simulated or real. |
-//! | [`network`] | Solves a whole network again from what was measured in it. |
+//! | [`view`] | Keeps what a PC on a coordinator's line knows of its network, simulated or real. |
+//! | [`network`] | Solves a whole network again from its measurements. |
 //! | [`export`] | Writes the poses of a network for other programs: CSV, YAML, ROS 2. |
 //! | [`plot`] | Draws answers and runs. |
 

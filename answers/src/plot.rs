@@ -23,7 +23,7 @@ mod view;
 pub use run::{errors, map, residuals};
 pub use sweep::sweep;
 
-/// Cameras beyond this number hide each other: who has more chooses some.
+/// Cameras beyond this number hide each other: a caller with more chooses some.
 pub const MOST_CAMERAS: usize = 500;
 
 /// Up to so many cameras all have their names on a map; of more, those for whose names there is room.

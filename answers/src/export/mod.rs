@@ -85,10 +85,10 @@ pub enum ExportError {
          places of both reference cameras, or take --frame network"
     )]
     NoBuilding,
-    /// That of the CSV writer.
+    /// Error of the CSV writer.
     #[error(transparent)]
     Csv(#[from] csv::Error),
-    /// That of the YAML writer.
+    /// Error of the YAML writer.
     #[error(transparent)]
     Yaml(#[from] serde_saphyr::ser::Error),
 }

@@ -1,4 +1,4 @@
-//! A network solved again from what was measured in it.
+//! A network solved again from its measurements.
 //!
 //! Solves for all that its nodes estimate on the way, at once and in double precision: every camera, every
 //! stop, the references' headings and the carrier, with covariances, protection levels and the
@@ -10,14 +10,13 @@
 //! measured.
 //!
 //! # Without displacements
-//! Cameras that saw targets together at five places or more, three of them or more, are solved from
-//! their bearings alone, up to scale: an opportunistic network. Stops of all targets then count
-//! together.
+//! Three or more cameras that saw targets together at five places or more are solved from their bearings
+//! alone, up to scale: an opportunistic network. Stops of all targets then count together.
 //!
 //! # Scale
-//! A known baseline sets it. Where that is not known, the carrier's scale does: every length is then
-//! as wrong as the carrier's distances are, and sigmas say so. Without displacements nothing does:
-//! lengths are then in units of the baseline.
+//! A known baseline sets the scale. If it is not known, the carrier's scale does: every length is then as
+//! wrong as the carrier's distances are, and sigmas say so. Without displacements nothing sets it: lengths are
+//! then in units of the baseline.
 
 use std::collections::BTreeSet;
 
@@ -145,7 +144,7 @@ pub struct Camera {
     /// Most that the pose may be off because of one unnoticed wrong measurement: at most so much in 999 of
     /// 1,000 cases.
     pub protection: Option<Protection>,
-    /// Share of an error that shows in the residual, of the bearing of which least does.
+    /// Share of an error that shows in the residual, of the least checked bearing.
     pub redundancy: Option<f64>,
     /// True if the protection level [is tolerated](Limits::tolerate): by a sigma of position up to the limit of
     /// a weak one, or a tenth of the baseline, and one of heading of 0.1 radians. A reference's is not asked.

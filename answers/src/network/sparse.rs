@@ -214,7 +214,7 @@ impl Sparse {
                     panel.numbers[own + j] = if i != j {
                         left * panel.numbers[other + j]
                     } else if diagonal[i] == 0.0 {
-                        // Nothing was said of it.
+                        // There was no measurement of it.
                         self.is_free[self.first[node] + i] = true;
                         0.0
                     } else if left > diagonal[i] * NOISE {
@@ -346,7 +346,7 @@ impl Solver<f64> for Sparse {
                     own[i * width + j] = -known * reciprocal;
                 }
             }
-            // What ties are moved by it: rows times that inverse.
+            // Unknowns that are tied to it move with it: rows times that inverse.
             let below = panel.height - width;
             let mut moved = vec![0.0; below * width];
             for (i, to) in moved.chunks_exact_mut(width).enumerate() {

@@ -179,7 +179,7 @@ fn a_walk_is_solved_as_the_batch_does() {
     }
 }
 
-/// A lens that is a fifth off what was given is named, others are not.
+/// A lens that is a fifth off the given one is named, others are not.
 #[test]
 fn another_lens_is_named_and_its_width_told() {
     let (mut named, mut others, mut all) = (0, 0, 0);
@@ -238,8 +238,7 @@ fn a_mark_that_is_visited_again_ties_a_walk_together() {
     assert!(tied >= 7, "{tied} of 8");
 }
 
-/// Of all poses, the squared errors over what is foretold, and how many numbers these are. With
-/// lengths of which a camera's place is known, too.
+/// Squared errors of all poses over the predicted ones, and the number of values.
 fn nees(walk: &Walk, solution: &NetworkSolution) -> (f64, usize) {
     let (mut sum, mut count) = (0.0, 0);
     for (camera, truth) in solution.cameras.iter().zip(&walk.cameras) {

@@ -35,8 +35,8 @@ const NETWORKS: [Colour; 8] = [
 /// The map of a run: true cameras with what they see past walls, estimates with 95 % ellipses, the
 /// targets' ways, their true and believed stops, and obstacles. Where estimates would hide behind
 /// the truth, errors and ellipses are drawn larger than they are, and the map says so. Several
-/// networks, each of which knows places in a frame of its own only, are drawn where they really are,
-/// in the frame of the first one, each in a colour and with its number.
+/// networks, each of which knows places in its own frame only, are drawn where they really are, in the frame
+/// of the first one, each in a colour and with its number.
 ///
 /// # Errors
 /// [`PlotError`]
@@ -249,7 +249,7 @@ impl RunMap<'_> {
     }
 
     fn draw_names(&self, plane: &mut Plane, labels: &mut Labels) {
-        // Who needs care is named first, and references.
+        // References, and cameras that need care, are named first.
         let mut cameras: Vec<&Drawn<'_>> = self.cameras.iter().collect();
         cameras.sort_by_key(|(camera, _, worth)| (!camera.reference, std::cmp::Reverse(*worth)));
         for (camera, pose, _) in cameras {

@@ -10,9 +10,9 @@ const BESIDE: f64 = 1e-6;
 /// A straight wall.
 pub(super) type Wall = [Point2<f64>; 2];
 
-/// The outline of what is seen from `eye` within `half` a field of view to both sides of `heading`,
-/// radians, not farther than `range`: a ray to each end of a wall and all along the arc, each up to
-/// the first wall.
+/// Outline of the ground that is seen from `eye` within `half` a field of view to both sides of `heading`,
+/// radians, not farther than `range`: a ray to each end of a wall and all along the arc, each up to the first
+/// wall.
 pub(super) fn outline(
     eye: Point2<f64>,
     heading: f64,

@@ -20,19 +20,19 @@ use super::{
 };
 use crate::network::usual_carrier;
 
-/// Of a leg of which nothing is known: a share of its length, along and across.
+/// Error of an unknown leg: a share of its length, along and across.
 const USUAL_LEG: f64 = 0.02;
-/// As a part of the range: how far a target stands off its stops of which nothing is known.
+/// Distance that a target stands off its stops if it is not known, as a part of the range.
 const USUAL_STANDING: f64 = 1.0 / 400.0;
 /// Of a pose: so many sightings check nothing.
 const UNKNOWNS: usize = 3;
-/// Sigma of a bearing of which nothing is known, radians: a quarter of a column of 60 degrees.
+/// Sigma of an unknown bearing, radians: a quarter of a column of 60 degrees.
 const USUAL_BEARING: f64 = 0.003;
 
 /// Advice about poses that are not checked.
 #[derive(Debug, Default)]
 pub(super) struct Unchecked {
-    /// Of each of these cameras what could be wrong without anybody's noticing.
+    /// Measurement of each of these cameras that could be wrong unnoticed.
     pub(super) weaknesses: BTreeMap<u16, Weakness>,
     /// Where to stop next.
     pub(super) stops: Vec<NextStop>,
@@ -61,7 +61,7 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
     let levels = walk.known.levels(&indices);
     let weaknesses = { wishing.iter().zip(levels) }
         .filter_map(|(&(index, id), level)| {
-            // What too few sightings leave open is as large as what a leg does, and sooner mended.
+            // Too few sightings leave open as much as a leg does, and are sooner mended.
             let has_few = walk.cameras[index].used <= UNKNOWNS;
             let own = Weakness::Sightings { camera: id };
             let weakness = if has_few {
@@ -83,7 +83,7 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
 pub struct Checked {
     /// Poses: of [checkable](Node::is_checkable) ones those that [are checked](Node::is_checked).
     pub poses: [usize; 2],
-    /// Bearings of which some of an error would show, as far as the record tells them.
+    /// Bearings whose errors would show in part, as far as the record tells them.
     pub bearings: [usize; 2],
     /// Legs from stop to stop, the same: in every direction.
     pub legs: [usize; 2],
@@ -125,7 +125,7 @@ impl Checked {
 }
 
 impl<'a> Walk<'a> {
-    /// That with most stops.
+    /// The walk with most stops.
     fn longest(record: &'a RunRecord, network: u16) -> Option<Self> {
         let own = |node: &&Node| node.network == network && node.estimate.is_some();
         let is_sound = |node: &&Node| node.is_calibrated() && !node.reference;

@@ -502,9 +502,9 @@ impl Event {
 
     /// Reads a line.
     ///
-    /// Always this way: what is flattened or tagged is kept aside until its type is known, and numbers of
-    /// `serde_json` with `arbitrary_precision`, which crates of the same build may ask for, are no numbers
-    /// there unless they are written as they would be written here.
+    /// Fields that are flattened or tagged are kept aside until their type is known, and numbers of `serde_json`
+    /// with `arbitrary_precision`, which crates of the same build may ask for, are no numbers there unless they
+    /// are written as they would be written here. So lines are always read by this function.
     ///
     /// # Errors
     /// It is not JSON, or no event.

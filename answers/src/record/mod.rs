@@ -404,9 +404,9 @@ pub struct Believed {
 /// Radio traffic.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Radio {
-    /// Frames sent by anybody, acknowledgements included.
+    /// Frames sent by all, acknowledgements included.
     pub frames: u64,
-    /// Bytes sent by anybody, from preamble to check sequence.
+    /// Bytes sent by all, from preamble to check sequence.
     pub bytes: u64,
     /// Receptions that failed, by reason.
     pub drops: std::collections::BTreeMap<String, u64>,
@@ -540,7 +540,7 @@ impl Node {
             bytes_sent: _,
             frames_sent: _,
         } = self;
-        // What changes most often comes first.
+        // The most frequent changes come first.
         *sightings == other.sightings
             && *status == other.status
             && *estimate == other.estimate
@@ -569,7 +569,7 @@ impl Node {
             && *page_erasures == other.page_erasures
     }
 
-    /// A node of the first network of which nothing is known yet.
+    /// A node of the first network, of which nothing is known yet.
     pub fn new(id: u16, role: Role) -> Self {
         Self {
             id,
@@ -677,7 +677,7 @@ impl Node {
         said_nothing && self.estimate.is_none()
     }
 
-    /// Returns true if its pose is estimated, and reliable but for what is not checked: only then it matters
+    /// Returns true if its pose is estimated, and reliable but for what is not checked. Only then it matters
     /// whether it [is checked](Self::is_checked). The place of a reference is given.
     pub fn is_checkable(&self) -> bool {
         self.expected && !self.reference && self.is_calibrated()
@@ -888,7 +888,7 @@ impl RunRecord {
                 y: 0.0,
                 heading_deg: 0.0,
             };
-            // What was the frame of the network is none any more.
+            // The former frame of the network is gone.
             own.building = None;
         }
         // Obstacles are told in the frame of the first network.

@@ -15,7 +15,7 @@ use super::{Node, RunRecord, View, verdict::NextStop};
 /// A record does not tell how large a target is: about as large as the thesis's, as a part of the
 /// camera's range.
 pub(super) const RADIUS: f64 = 1.0 / 50.0;
-/// Nor how many columns and rows a picture has: those of the smaller sensor.
+/// Columns and rows of a picture, which it does not tell either: those of the smaller sensor.
 const PICTURE: [u8; 2] = [88, 143];
 /// More advice than this is not followed anyway.
 pub(super) const MOST: usize = 6;
@@ -97,7 +97,7 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
             let sightings = references.iter().map(|node| node.sightings).min();
             PairWish {
                 cameras,
-                // What references saw is not told before they have an answer.
+                // References' sightings are not told before they have an answer.
                 made: stops().filter(see).collect(),
                 noise: UNSEEN,
                 missing: 3_usize.saturating_sub(sightings.unwrap_or(0)).max(1),

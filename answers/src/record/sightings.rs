@@ -3,7 +3,7 @@
 //! Records have them since their nodes tell them; they are left out where they are not known. The same object
 //! stands on its own in a file for `host-sim solve-network`, where everything but `bearings` may be left out.
 //!
-//! `ranges`, `visits` and `lens` are for what was measured besides; no node tells them yet.
+//! `ranges`, `visits` and `lens` are for further measurements; no node tells them yet.
 
 use serde::{Deserialize, Serialize};
 

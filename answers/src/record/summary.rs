@@ -103,7 +103,7 @@ impl Statistics {
                 (heading_deg, estimate.sigma_heading_deg),
             ];
             for (within, (error, sigma)) in within.iter_mut().zip(compared) {
-                // What was given is not an estimate.
+                // A given value is not an estimate.
                 if sigma > 0.0 {
                     within.add(error.abs() / sigma);
                 }

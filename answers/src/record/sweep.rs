@@ -87,7 +87,7 @@ impl Component {
     fn add(&mut self, error: f64, sigma: f64) {
         self.errors.push(error.abs());
         self.sigmas.push(sigma);
-        // What was given is no estimate.
+        // A given value is not an estimate.
         if sigma > 0.0 {
             self.within.add(error.abs() / sigma);
         }

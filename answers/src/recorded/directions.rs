@@ -125,7 +125,7 @@ impl<const N: usize> Directions<N> {
     }
 }
 
-/// Refuses columns that the camera does not have; what is no number is refused with its case.
+/// Refuses columns that the camera does not have; a value that is no number is refused with its case.
 fn check_column(camera: &Camera<f64>, column: f64) -> Result<(), String> {
     if column.is_finite() && !camera.has_column(column) {
         return Err(format!(

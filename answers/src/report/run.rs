@@ -402,7 +402,7 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
                  acknowledgements and retries.\nThesis: seven 12-byte packets of its Appendix B, \
                  none lost, in plain frames.\n";
     }
-    // That a frame for others is not taken in is no failure.
+    // A frame for others that is not taken in is no failure.
     let drops = radio.drops.iter().filter(|(why, _)| *why != "filtered");
     let drops: Vec<String> = drops
         .map(|(why, n)| format!("{n} {}", why.replace('_', " ")))

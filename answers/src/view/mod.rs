@@ -45,7 +45,7 @@ pub struct Member {
     pub report: Option<Report>,
     /// Its health, as it says itself.
     pub health: Health,
-    /// A reference camera that does not answer the coordinator, before anybody has a pose.
+    /// A reference camera that does not answer the coordinator, before any camera has a pose.
     pub absent: bool,
     /// It joined again since, and has another address.
     pub replaced: bool,
@@ -135,7 +135,7 @@ impl Member {
         report.is_some_and(|report| self.sightings.len() != usize::from(report.sightings))
     }
 
-    /// Tells what is known of it. Where it really is has to be there before.
+    /// Fills in what is known of it. Its true place must be there before.
     pub fn describe(&self, node: &mut Node) {
         node.address = Some(self.address);
         node.health = self.health;
@@ -277,7 +277,7 @@ impl NetworkView {
         }
     }
 
-    /// Takes a message. Returns what is new in words for people, if anything is.
+    /// Takes a message. Returns the news in words for people, if there is any.
     pub fn take(&mut self, now: Duration, message: &ToPc) -> Option<String> {
         let news = self.learn(now, message);
         let told = match *message {

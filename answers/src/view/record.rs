@@ -121,7 +121,7 @@ impl NetworkView {
                 .values()
                 .map(|told| (told.stop.into(), stop(told)))
                 .collect();
-            // What the target says itself came at once, and tells more.
+            // The target's own report came at once, and tells more.
             let own = self.present().into_iter().filter(|m| m.id == id);
             for (number, (at, place)) in own.flat_map(|m| &m.stops) {
                 if let Some(place) = place {

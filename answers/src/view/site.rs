@@ -28,7 +28,7 @@ impl SitePlan {
     /// The network of a site to which most of these numbers belong; `None` if it has no network.
     ///
     /// # Errors
-    /// The file is none of which nodes can be configured.
+    /// The nodes of the file cannot be configured.
     pub fn new(scenario: &Scenario, members: &[u16]) -> Result<Option<Self>, ScenarioError> {
         // No key is needed to know what else nodes are configured to.
         let configs = site::configs(scenario, SiteKey::new(1, *b"no key is needed"))?;

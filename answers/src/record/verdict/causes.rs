@@ -130,8 +130,8 @@ fn believed(target: &Target) -> Option<f64> {
     (mean > one_in_a_thousand(2)).then(|| (mean / 2.0).sqrt())
 }
 
-/// The true errors of all cameras. They err together in what they learnt from one target, so that
-/// their mean counts like that of one camera, of three degrees of freedom.
+/// The true errors of all cameras. They share the errors of the target from which they learnt, so that their
+/// mean counts like that of one camera, of three degrees of freedom.
 fn errors(record: &RunRecord) -> Option<Common> {
     let fits: Vec<_> = record.cameras().filter_map(Node::truth_fit).collect();
     let all = fits.iter().copied().fold(Fit::default(), Fit::and);

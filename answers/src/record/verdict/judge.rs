@@ -12,7 +12,7 @@ use crate::record::{
     sightings::Sightings,
 };
 
-/// Finds verdicts, and remembers what they were made of.
+/// Finds verdicts, and remembers their parts.
 #[derive(Clone, Debug, Default)]
 pub struct Judge {
     site: Option<Site>,
@@ -27,7 +27,7 @@ struct Site {
     obstacles: Vec<Vec<[f64; 2]>>,
 }
 
-/// One network, and what was found of it.
+/// One network, and the findings on it.
 #[derive(Clone, Debug)]
 struct Known {
     part: Part,
@@ -48,13 +48,13 @@ struct Part {
 }
 
 impl Judge {
-    /// The verdict on what is known now: that of [`Verdict::of`].
+    /// The verdict on the present record: that of [`Verdict::of`].
     pub fn verdict(&mut self, record: &RunRecord) -> Verdict {
         self.learn(record);
         Verdict::found(record, self)
     }
 
-    /// Forgets what was found of networks that changed.
+    /// Forgets the findings on networks that changed.
     fn learn(&mut self, record: &RunRecord) {
         let site = Site {
             limits: record.limits,

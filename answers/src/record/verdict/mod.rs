@@ -2,9 +2,9 @@
 //!
 //! | module | job |
 //! |---|---|
-//! | `causes` | What is the matter with most cameras: lens, carrier, sigmas |
-//! | `judge` | Verdicts one after the other, of which most stays the same |
-//! | `in_view` | Whether a camera could have seen the target, or stands in a sealed room |
+//! | `causes` | Causes of problems of most cameras: lens, carrier, sigmas |
+//! | `judge` | Verdicts one after the other, which change little |
+//! | `in_view` | Test of whether a camera could have seen the target, or stands in a sealed room |
 //! | `words` | The verdict in sentences |
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -159,7 +159,7 @@ pub enum Weakness {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// It does not see the target where it is: its lens, or what it takes for the target.
+    /// It does not see the target where it is: its lens, or the colour that it takes for the target's.
     Sight,
     /// The target was not where it believed to be.
     Carrier,

@@ -15,8 +15,7 @@ const NEVER_JOINED: [&str; 2] = [
     "it never joined: check its power, its site key, the join window and its distance",
 ];
 
-/// A status, with the reason where there is one, as people are told: what is the matter and what to
-/// do.
+/// A status in words for people, with the reason where there is one: the problem and what to do.
 pub fn status_words(status: Status, reason: Option<Refusal>) -> String {
     match (status, reason) {
         (Status::Refused, Some(refusal)) => format!("no pose: {refusal}"),
