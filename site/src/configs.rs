@@ -356,14 +356,14 @@ fn channel_mask(channels: &[u8]) -> u32 {
         .fold(0, |mask, channel| mask | 1 << channel.min(&31))
 }
 
-/// That of the ball that targets carry where nothing else is said.
+/// Window of the usual ball: targets carry it where the file says nothing else.
 pub(crate) fn usual_window() -> ColourWindow {
     window(orange(), COLOUR_TOLERANCE)
 }
 
 fn window(colour: Rgb, tolerance: u8) -> ColourWindow {
     let [red, green, blue] = colour.map(|level| {
-        // What a CMUcam2 can see: 16 to 240.
+        // Levels that a CMUcam2 can see: 16 to 240.
         [
             level.saturating_sub(tolerance).clamp(16, 240),
             level.saturating_add(tolerance).clamp(16, 240),

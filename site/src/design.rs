@@ -128,7 +128,7 @@ pub struct FurtherStop {
     pub seen_by: Vec<u16>,
 }
 
-/// A site with what is known of its cameras' poses.
+/// A site with the known poses of its cameras.
 struct Prospect {
     site: Site,
     problem: Option<String>,
@@ -154,8 +154,8 @@ impl Design {
     /// Predicts the worth of a site.
     ///
     /// # Errors
-    /// It cannot be put up at all: a camera has no place, or stands in an obstacle. That no way for its
-    /// targets can be planned is a [`problem`](Design::problem).
+    /// It cannot be put up at all: a camera has no place, or stands in an obstacle. If no way for its targets can
+    /// be planned, that is a [`problem`](Design::problem).
     pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let prospect = Prospect::new(scenario)?;
         let cameras = prospect.known.iter().zip(prospect.site.world.cameras());
@@ -244,8 +244,8 @@ fn of_bearing(
     across * across.transpose() / variance
 }
 
-/// Information about the direction of which least is known: the smaller eigenvalue. One bearing tells
-/// nothing of it, and so a camera for itself nothing of where a target is.
+/// Information about the least known direction: the smaller eigenvalue. One bearing tells nothing of it, and
+/// so a single camera tells nothing of where a target is.
 fn least(information: &Matrix2<f64>) -> f64 {
     let half = (information.m11 + information.m22) / 2.0;
     let apart = (information.m11 - information.m22) / 2.0;

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use super::{assume::Assumption, planner::PlanError};
 
-/// Where something is, before what is wrong with it.
+/// Place of an error, before its description.
 fn on(line: Option<usize>) -> String {
     line.map_or(String::new(), |line| format!("line {line}: "))
 }

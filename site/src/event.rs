@@ -20,7 +20,7 @@ pub struct ScriptedEvent {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Action {
-    /// A node restarts; what is in its flash stays.
+    /// A node restarts; the content of its flash stays.
     Restart {
         /// Its number.
         node: u16,

@@ -12,8 +12,8 @@ use crate::world::Variant;
 use cmucam2_emulator::{Rgb, Sensor, Size};
 use node_firmware::vision::CameraKind;
 
-/// A site, and what only a rehearsal of it knows. Every table but `network` (or `grid`) may be
-/// missing; what is missing has its default.
+/// A site, and the values that only a rehearsal of it uses. Every table but `network` (or `grid`) may be
+/// missing; a missing table has its default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
@@ -478,7 +478,7 @@ pub struct NetworkTable {
     /// Its channel, 11 to 26. Default 15.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<u8>,
-    /// Several channels, of which its coordinator takes the quietest, in place of `channel`.
+    /// Several channels, in place of `channel`; its coordinator takes the quietest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channels: Option<Vec<u8>>,
     /// Where its coordinator stands. Default: in the middle of its cameras.
@@ -519,7 +519,7 @@ impl NetworkTable {
 }
 
 impl Scenario {
-    /// The network of which targets bring its frame to this one, if it has none of its own.
+    /// The network whose targets bring its frame to this one, if it has none of its own.
     pub fn home_of(&self, network: &NetworkTable) -> Option<&NetworkTable> {
         let number = network.references.frame_of?;
         self.networks.get(number.checked_sub(1)?)

@@ -92,7 +92,7 @@ impl FirmwareTable {
         self.colour_tolerance.unwrap_or(COLOUR_TOLERANCE)
     }
 
-    /// That of the targets' balls; 0: not known.
+    /// Radius of the targets' balls; 0: not known.
     pub fn ball_radius(&self) -> f32 {
         self.ball_radius.unwrap_or_default() as f32
     }
@@ -103,7 +103,7 @@ impl FirmwareTable {
         (self.motion == Some(true)).then_some(Subjects::Motion { threshold })
     }
 
-    /// Puts what is given into a camera's configuration.
+    /// Puts the given values into a camera's configuration.
     pub(crate) fn configure_camera(&self, camera: &mut CameraConfig) {
         put(&mut camera.stops, self.stops);
         put(&mut camera.reference_stops, self.reference_stops);
@@ -126,7 +126,7 @@ impl FirmwareTable {
         );
     }
 
-    /// Puts what is given into a target's configuration.
+    /// Puts the given values into a target's configuration.
     pub(crate) fn configure_target(&self, target: &mut TargetConfig) {
         put(&mut target.still_after_ms, self.still_after_ms);
         put_f32(

@@ -488,7 +488,7 @@ fn planned(
     let (network, table) = (&networks[place], &scenario.networks[place]);
     let index = |camera: usize| network.cameras[camera].index;
     let references = network.references.map(index);
-    // Who is no reference needs stops of its own.
+    // A camera that is no reference needs stops of its own.
     let others: Vec<_> = (0..network.cameras.len())
         .map(index)
         .filter(|index| network.home.is_some() || !references.contains(index))
@@ -500,7 +500,7 @@ fn planned(
         let node = network.cameras.iter().find(|node| node.index == index);
         node.map_or(0, |node| node.id)
     };
-    // As it is: the planner has the true displacements in the true frame. Who brings a frame knows it.
+    // As it is: the planner has the true displacements in the true frame. A target that brings a frame knows it.
     let is_known = network.home.is_some();
     let [first, second] = references.map(|index| world.cameras()[index].place);
     let known = Known {

@@ -70,7 +70,7 @@ pub enum NodeError {
     /// The number of the node.
     #[error("id must be 1 to 65535, not {0}")]
     Id(i64),
-    /// That of another kind of node.
+    /// The number is that of another kind of node.
     #[error("the id of a {0} must be 1 to {max}, not {1}: those above are coordinators'", max = FIRST_COORDINATOR - 1)]
     Coordinators(RoleName, u16),
     /// A picture that no CMUcam2 takes.
@@ -100,7 +100,7 @@ pub enum NodeError {
 
 /// Names of the values that all nodes have, without the site key, which no file holds.
 const COMMON: [&str; 5] = ["role", "id", "channels", "tx-power", "protection"];
-/// Tables of which each part has a usual value of its own.
+/// Tables whose parts have usual values of their own.
 const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
 /// Of a CMUcam2 with the OV6620. The field of view is always given.

@@ -18,25 +18,24 @@
 //!    the two headings and for the place of the walk, and, where they are unknown, for the frame's
 //!    heading and the baseline. A choice that [`calib_core::reference`] finds ambiguous is dropped.
 //! 6. The **order**: the references' stops, then always the nearest one next, improved by 2-opt. Then
-//!    detours are made, and only then, for cameras whose *first* `k` sightings would be poor ones,
-//!    such as stops for others in a corner of their view: what a camera first reports should be
-//!    within [`FIRST`] of what it can get from `k` stops.
+//!    detours are made, but only for cameras whose *first* `k` sightings would be poor ones, such as
+//!    stops for others in a corner of their view: a camera's first report should be within [`FIRST`] of
+//!    what it can get from `k` stops.
 //!
-//! 7. With [`Placement::Checked`], further stops behind these: new ones, or places of before, so that ways
-//!    and bearings check each other ([`Checks`]). One after the other that which lowers the cameras'
-//!    protection levels most for the way that it takes, until all are tolerated, and as many as there are
-//!    already at most: the same path back.
+//! 7. With [`Placement::Checked`], further stops follow: new ones, or places of before, so that ways and
+//!    bearings check each other ([`Checks`]). Each is the one that lowers the cameras' protection levels
+//!    most for the way that it takes. They go on until all levels are tolerated, but are at most as many
+//!    as there are already: the same path back.
 //!
 //! Where to stop once more, [`Advice`], comes of the same candidates and the same information.
 //!
 //! [`Placement::Anywhere`] leaves out steps 3 and 4 and the detours: the thesis's target stops "at three
-//! distinct locations in the field of view" of each camera (section 4.3), and no more is said of
-//! them.
+//! distinct locations in the field of view" of each camera (section 4.3), and the thesis says no more of them.
 //!
-//! All random numbers come from the number of the path: other paths are other local optima, and the
-//! same path is the same on every run, whatever the scenario's seed; only where cameras are scattered
-//! does the seed matter too, so that no two seeds have stops in the same directions of a camera, whose
-//! columns would round them alike.
+//! All random numbers come from the number of the path: other paths are other local optima, and the same path
+//! is the same on every run, whatever the scenario's seed. Only if cameras are scattered does the seed matter
+//! too, so that no two seeds have stops in the same directions of a camera, whose columns would round them
+//! alike.
 
 use calib_core::{
     Pose, Ray,
@@ -335,7 +334,7 @@ impl Task<'_> {
             .is_ok_and(|outcome| outcome.alternative.is_none())
     }
 
-    /// About a camera, from all of some stops that suit it.
+    /// Information about a camera, from all of some stops that suit it.
     fn information(&self, camera: usize, stops: &[Point2<f64>]) -> Matrix3<f64> {
         stops
             .iter()

@@ -71,7 +71,7 @@ pub struct Advice<'a> {
     pub pair: Option<PairWish>,
 }
 
-/// A place, and what it tells each wish and the pair.
+/// A place, and its information for each wish and the pair.
 struct Offer {
     place: Point2<f64>,
     range: f64,

@@ -65,7 +65,7 @@ impl Route {
         for _ in 0..SWEEPS {
             let before = length + paid;
             for change in changes(order.len()) {
-                // What is dearer by the length alone needs no price.
+                // An order that is dearer by its length alone needs no price.
                 if self.longer(order, &change) > paid + ROUNDING {
                     continue;
                 }
@@ -127,7 +127,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// Price of an order beside its length.
 pub(super) trait Price {
-    /// Of this order, of which others are changes from now on.
+    /// Price of this order; others are changes of it from now on.
     fn settle(&mut self, order: &[usize]) -> f64;
 
     /// Of the order that was settled on, changed between these indices.

@@ -7,11 +7,11 @@
 //! | part | job |
 //! |---|---|
 //! | [`World`] | Cameras, targets and obstacles, and who sees whom. |
-//! | [`View`] | What one camera sees, ready to be painted into its [`Scene`](cmucam2_emulator::Scene). |
+//! | [`View`] | View of one camera, ready to be painted into its [`Scene`](cmucam2_emulator::Scene). |
 //! | [`Walker`] | Moves a target along its stops. |
-//! | [`StepSensor`] | What the target's step sensor measures on the way. |
+//! | [`StepSensor`] | Measures the target's steps on the way. |
 //!
-//! # What a target looks like
+//! # Outline of a target
 //! A ball at the height of the lenses: from a distance `d` its outline reaches `asin(r / d)` to both
 //! sides of its bearing. So the middle of the *angles* of its two edges is its bearing, while the
 //! middle of their columns is not quite, for a pin-hole camera.

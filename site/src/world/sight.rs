@@ -14,8 +14,8 @@ pub struct Sight {
     pub bearing: f64,
     /// Half the angle under which all of it is seen, radians.
     pub half_width: f64,
-    /// The bearings of what is in the picture and not hidden, each from right to left, ascending. Of
-    /// a ray scan: of the columns that hit, which seldom reach both edges of the ball.
+    /// The bearings of the parts that are in the picture and not hidden, each from right to left, ascending. Of a
+    /// ray scan: of the columns that hit, which seldom reach both edges of the ball.
     pub visible: Vec<[f64; 2]>,
 }
 
@@ -39,7 +39,7 @@ impl Sight {
 /// View of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
-    /// Number of a target and what is seen of it, the farthest first.
+    /// Number of a target and its sight, the farthest first.
     pub sights: Vec<(usize, Sight)>,
     /// From back to front.
     pub(super) patches: Vec<Patch>,

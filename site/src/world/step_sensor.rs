@@ -10,9 +10,9 @@ use super::walker::Stride;
 /// Errors of a step sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorErrors {
-    /// It measures what was walked. Otherwise it reports what was planned from goal to goal, as the
-    /// thesis's target does (section 4.3): it then stands a little short of each place that it
-    /// tells, but that error does not grow.
+    /// It measures the way that was walked. Otherwise it reports the planned way from goal to goal, as the
+    /// thesis's target does (section 4.3): it then stands a little short of each place that it tells, but that
+    /// error does not grow.
     pub measures: bool,
     /// Relative error of all distances of a leg, standard deviation.
     pub leg_distance: f64,

@@ -218,7 +218,7 @@ impl Walker {
         }
     }
 
-    /// Does what is due until now, and tells it with its times.
+    /// Makes all steps and events that are due until now, with their times.
     pub fn advance(&mut self, now: Time, events: &mut Vec<(Time, Event)>) {
         while let Some(at) = self.next_at().filter(|&at| at <= now) {
             match self.state {

@@ -1,4 +1,4 @@
-//! `docs/site.md` is complete, and what it shows works.
+//! `docs/site.md` is complete, and its examples work.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Scenario files: what they make, and what they say when something is wrong.
+//! Scenario files: their content, and their messages when something is wrong.
 
 use calib_core::camera::Projection;
 use nalgebra::Point2;

@@ -39,8 +39,8 @@ pub struct Checks<'a> {
     pub columns: f64,
     /// The poses that are to be checked.
     pub wishes: Vec<CheckWish>,
-    /// Places where the target was in other walks. With those of the survey: what is farther from all
-    /// of them than a camera sees is not asked for.
+    /// Places where the target was in other walks. Together with those of the survey: a place that is farther from
+    /// all of them than a camera sees is not asked for.
     pub been: &'a [Point2<f64>],
 }
 
@@ -64,7 +64,7 @@ impl Checks<'_> {
         let mut stops = Vec::new();
         let candidates = self.candidates(now.survey());
         let wishing: Vec<usize> = self.wishes.iter().map(|wish| wish.camera).collect();
-        // What is enough for one camera does not outweigh another one.
+        // A camera that has enough does not outweigh another one.
         let is_foretold = self.are_checked(&now);
         let (enough, least) = match is_foretold {
             false => (ENOUGH / 2.0, LEAST_GAIN * wishing.len() as f64),

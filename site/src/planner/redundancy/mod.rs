@@ -41,7 +41,7 @@ const COMPASS: usize = 1;
 pub struct Steps {
     /// Standard deviation of the constant error of distances, as a share of them.
     pub scale: f64,
-    /// That of directions, radians.
+    /// Standard deviation of the constant error of directions, radians.
     pub compass: f64,
     /// Standard deviation of a leg's own error, along and across, as a share of its length.
     pub leg: [f64; 2],
@@ -148,7 +148,7 @@ pub struct Level {
 pub type Tolerance = [f64; 2];
 
 impl Level {
-    /// The level over what is tolerated.
+    /// The level as a share of the tolerated one.
     pub fn share(&self, tolerance: Tolerance) -> f64 {
         let [position, heading] = tolerance;
         (self.position / position).max(self.heading / heading)
@@ -385,7 +385,7 @@ impl Redundancy {
             position.0 = f64::sqrt(position.0);
             let noise = RARE * (variance(0) + variance(1)).sqrt();
             let turned = RARE * variance(2).sqrt();
-            // What turns it most matters where it turns it by more than it moves it, seen from afar.
+            // The measurement that turns it most matters if it turns it by more than it moves it, seen from afar.
             let by = if heading.0 * self.survey.range > position.0 {
                 heading.1
             } else {

@@ -44,7 +44,7 @@ fn survey(seed: u64, stops: usize) -> Survey {
         .collect();
     let looks = { 0..stops.len() }
         .flat_map(|stop| (0..cameras.len()).map(move |camera| (stop, camera)))
-        // The references see the first stops, and everybody about half of the others.
+        // The references see the first stops, and all cameras see about half of the others.
         .filter(|&(stop, camera)| (stop < 4 && camera < 2) || random.random_bool(0.5))
         .map(|(stop, camera)| Look {
             stop,
