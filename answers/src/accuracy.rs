@@ -41,7 +41,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of errors in any order; `None` if there are none. Sorts them.
+    /// Statistics of errors in any order; `None` if there are none. Sorts them.
     pub fn of(errors: &mut [f64]) -> Option<Self> {
         errors.sort_unstable_by(f64::total_cmp);
         let squares: f64 = errors.iter().map(|e| e * e).sum();

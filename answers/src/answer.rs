@@ -90,7 +90,7 @@ pub struct Answer<'a> {
     pub reason: Option<Reason>,
     /// The pose, if there is one.
     pub solution: Option<resection::Solution<f64>>,
-    /// Of an ambiguous pose: another place that the sightings allow.
+    /// Another place that the sightings allow, if the pose is ambiguous.
     pub alternative: Option<Point2<f64>>,
     /// Number of sightings that were recorded, whether used, dropped or unreadable.
     pub sightings: usize,

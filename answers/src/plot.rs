@@ -119,7 +119,7 @@ pub fn svg(map: &Map) -> Result<String, PlotError> {
     Ok(canvas.finish([plane]))
 }
 
-/// Entries of a legend: how many cameras are worth what.
+/// Entries of a legend: number of cameras of each worth.
 fn count(cameras: &(impl Iterator<Item = Worth> + Clone)) -> Vec<Entry> {
     let counts = Worth::ALL.into_iter().map(|worth| {
         let count = cameras.clone().filter(|other| *other == worth).count();

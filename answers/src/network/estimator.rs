@@ -46,7 +46,7 @@ pub(super) struct Input {
 pub(super) enum Depth {
     /// Poses, places and carrier from all measurements as they are.
     Answers,
-    /// Without what contradicts, with residuals and protection levels.
+    /// Without contradicting measurements, with residuals and protection levels.
     Checked { fit_legs: bool },
 }
 
@@ -64,7 +64,7 @@ impl Depth {
 #[derive(Clone, Debug)]
 pub(super) struct Output {
     pub fit: Fit<f64>,
-    /// Of each camera, references included.
+    /// Poses of all cameras, references included.
     pub poses: Vec<Option<Pose<f64>>>,
     pub protections: Vec<Option<ProtectionLevels<f64>>>,
     /// Where they are estimated.
@@ -107,7 +107,7 @@ pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
     solve_in_memory(input, depth, is_long).map_err(Failure::Joint)
 }
 
-/// Of a long walk all unknowns are solved together, as sparse equations.
+/// All unknowns of a long walk are solved together, as sparse equations.
 fn solve_in_memory(input: &Input, depth: Depth, is_long: bool) -> Result<Output, JointError> {
     let capacity = Capacity {
         cameras: input.cameras,

@@ -315,7 +315,7 @@ pub struct LegResidual {
     pub target: u16,
     /// The stop that it leads to.
     pub stop: u32,
-    /// Of what is checked.
+    /// Chi squared of the checked directions.
     pub chi_squared: f64,
     /// Number of directions that are checked: 2, 1 or 0.
     pub degrees_of_freedom: usize,
@@ -531,7 +531,7 @@ pub fn usual_carrier(target: u16) -> crate::record::sightings::Carrier {
         target,
         systematic_scale: usual.systematic_scale.into(),
         systematic_heading_deg: usual.systematic_heading_deg.into(),
-        // Of measurements that say nothing, the displacements have it.
+        // If the measurements say nothing of it, the displacements have it.
         standing_sigma: 0.0,
     }
 }

@@ -144,7 +144,7 @@ impl Sparse {
         self.ordered = ties;
     }
 
-    /// Where the entry of two unknowns is: the node whose panel has it, and its place there.
+    /// Place of the entry of two unknowns: the node whose panel has it, and its place there.
     fn at(&self, panels: &[Panel], i: usize, j: usize) -> Option<(usize, usize)> {
         let (a, b) = (self.node[i], self.node[j]);
         let (node, column, row) = if self.place[a] <= self.place[b] {
@@ -178,7 +178,7 @@ impl Sparse {
                 for (j, b) in &entries[..=n] {
                     if let Some((node, at)) = self.at(&factor, *i, *j) {
                         factor[node].numbers[at] += a * b;
-                        // Of a node's own both halves are there.
+                        // A node's own entries have both halves.
                         if i != j && self.node[*i] == self.node[*j] {
                             let width = self.size(node);
                             let (row, column) = (at / width, at % width);
@@ -496,7 +496,7 @@ mod tests {
         }
     }
 
-    /// An unknown that no row has stays where it is; what rows leave open has no solution.
+    /// An unknown that no row has stays where it is; unknowns that rows leave open have no solution.
     #[test]
     fn what_is_not_determined_has_no_solution() {
         let mut sparse = Sparse::default();

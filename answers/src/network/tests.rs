@@ -399,7 +399,7 @@ fn each_target_has_its_own_answer() {
         all.iter().map(|one| one.target).collect::<Vec<_>>(),
         [Some(20), Some(21)]
     );
-    // Of the second carrier nothing was said: he is as vague as targets assume.
+    // Nothing was told of the second carrier: he is as vague as targets assume.
     let [ours, theirs] = [&all[0], &all[1]].map(|one| one.carrier.unwrap().sigma_scale);
     assert!(theirs > ours);
 }

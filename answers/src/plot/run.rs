@@ -27,7 +27,7 @@ const WELL_VISIBLE: f64 = 16.0;
 const TOO_FAR: f64 = 70.0;
 /// Up to so many stops all have their numbers; of more, those for whose numbers there is room.
 const ALL_NUMBERED: usize = 60;
-/// Of networks: their cameras and what these see. From the first again when there are more.
+/// Colours of networks: of their cameras and views. They begin again when there are more networks.
 const NETWORKS: [Colour; 8] = [
     "#00798C", "#8C564B", "#6B7A00", "#6A4C93", "#2E8B57", "#5A6E8C", "#B0567A", "#555555",
 ];

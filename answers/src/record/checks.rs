@@ -24,7 +24,7 @@ use crate::network::usual_carrier;
 const USUAL_LEG: f64 = 0.02;
 /// Distance that a target stands off its stops if it is not known, as a part of the range.
 const USUAL_STANDING: f64 = 1.0 / 400.0;
-/// Of a pose: so many sightings check nothing.
+/// Unknowns of a pose: so many sightings check nothing.
 const UNKNOWNS: usize = 3;
 /// Sigma of an unknown bearing, radians: a quarter of a column of 60 degrees.
 const USUAL_BEARING: f64 = 0.003;
@@ -47,7 +47,7 @@ struct Walk<'a> {
     known: Redundancy,
 }
 
-/// Of these cameras of a network, none of them a reference, whose poses are not checked.
+/// Advice about these cameras of a network, none of them a reference, whose poses are not checked.
 pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unchecked {
     let Some(walk) = Walk::longest(record, network) else {
         return Unchecked::default();

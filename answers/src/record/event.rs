@@ -355,7 +355,7 @@ pub struct WalkTo {
     pub seen_by: Vec<u16>,
 }
 
-/// A piece of a list, told by what was there before.
+/// A piece of a list, as a part of the former list or as an item.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Piece<T> {
@@ -682,7 +682,7 @@ impl Target {
     }
 }
 
-/// Compares what is known with what was known before, and tells the difference as events.
+/// Compares a record with the one before, and tells the difference as events.
 #[derive(Clone, Debug, Default)]
 pub struct Looker {
     known: Option<RunRecord>,

@@ -1,6 +1,6 @@
 //! The record of one finished run: everything its reports, maps and exports are made of.
 //!
-//! Of a real network it has what its coordinator told; see [`view`](crate::view).
+//! The record of a real network has what its coordinator told; see [`view`](crate::view).
 //!
 //! A record is JSON, and its names and their meaning are an interface. Lengths are in the
 //! scenario's [`unit`](RunRecord::unit), angles in degrees (headings in `[0, 360)`), times in seconds since

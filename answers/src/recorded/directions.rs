@@ -10,8 +10,8 @@ use super::{
     rows::{Column, Row, Rows},
 };
 
-/// Bearing sigma where a file of bearings says nothing: half a degree, radians. About what the
-/// cameras of small robots reach.
+/// Bearing sigma where a file of bearings says nothing: half a degree, radians. The cameras of small robots
+/// reach about that.
 pub const USUAL_BEARING_SIGMA: f64 = 0.0087;
 
 /// Names of a direction's column, as bearings in radians, in degrees and as pixel columns.

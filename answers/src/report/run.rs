@@ -183,7 +183,7 @@ fn error(e: &PoseError) -> String {
     format!("({:+.3}, {:+.3}, {:+.2})", e.x, e.y, e.heading_deg)
 }
 
-/// Tables 4.3 to 4.5, and what says more than a mean of signed errors.
+/// Tables 4.3 to 4.5, and statistics that say more than a mean of signed errors.
 fn statistics(records: &[&RunRecord]) -> String {
     let cameras = || records.iter().flat_map(|record| record.cameras());
     let others = Statistics::of(cameras().filter(|camera| !camera.reference));
@@ -309,7 +309,7 @@ fn beside(thesis: &Published, ours: Option<&Statistics>, ours_is: &str) -> Strin
     )
 }
 
-/// Cameras no further apart than this, metres, look at what is no room.
+/// Cameras no further apart than this, metres, do not look at a room.
 const ROOM_METRES: f64 = 3.0;
 
 /// Distance between the outermost cameras of a network, metres.

@@ -41,7 +41,7 @@ impl SitePlan {
                 .count()
         };
         let networks = scenario.networks.iter().zip(&configs).enumerate();
-        // Of several with as many, the first.
+        // If several have as many, the first.
         let best = networks
             .rev()
             .max_by_key(|(_, (network, _))| belong(network));

@@ -32,7 +32,7 @@ pub(crate) struct Scene {
     pub frame: [usize; 2],
 }
 
-/// The minimum, with what covariances are made of.
+/// The minimum, with the parts that covariances are made of.
 pub(crate) struct Adjusted {
     pub chi_squared: f64,
     pub degrees_of_freedom: usize,
@@ -298,7 +298,7 @@ impl Adjusted {
         Some(own.inverse + own.inverse * sum * own.inverse)
     }
 
-    /// The covariance of a camera with what a row foretells.
+    /// The covariance of a camera with the prediction of a row.
     fn influence(&self, row: &Row, point: usize, camera: usize) -> Option<Vector3<f64>> {
         let own = self.points[point].as_ref()?;
         let direct = self.columns[row.camera].iter().zip(row.by_camera);

@@ -183,7 +183,7 @@ fn a_wrong_bearing_moves_a_camera_within_its_protection_level() {
         }
     }
     assert!(poses > 60 && beyond == 0, "{beyond} of {poses}");
-    // The level is of the size of what one bearing does.
+    // The level has the size of one bearing's effect.
     assert!((0.1..1.0).contains(&moved), "{moved}");
     let mut rng = generator(3);
     let least = Room::random(&mut rng, 3, 5);

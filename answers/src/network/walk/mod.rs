@@ -51,7 +51,7 @@ pub(super) struct Walk<'a> {
 /// The part of a walk that is solved.
 struct Part {
     input: Input,
-    /// Of each of its stops the place in the walk.
+    /// Place in the walk of each of its stops.
     stops: Vec<usize>,
     /// Of each of its bearings.
     bearings: Vec<usize>,

@@ -13,7 +13,7 @@ use super::super::{Node, RunRecord};
 pub enum InView {
     /// So many of the stops.
     Stops(usize),
-    /// None of them, but places to which the target can be led.
+    /// It has no stop in view, but places to which the target can be led.
     Elsewhere,
     /// No place to which the target can be led: walls are all around.
     Sealed,

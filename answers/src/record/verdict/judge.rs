@@ -1,7 +1,7 @@
 //! Verdicts on a network that goes on, one after the other.
 //!
-//! Where to stop next is what takes long to find, and it depends on one network alone: it is found again
-//! only where something of that network changed.
+//! The next stop takes long to find, and depends on one network alone: it is found again only if something of
+//! that network changed.
 
 use std::collections::BTreeMap;
 
