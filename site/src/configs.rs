@@ -26,11 +26,11 @@ use cmucam2_emulator::Rgb;
 /// Configurations of the nodes of one network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkConfigs {
-    /// Of its coordinator, which lets all the others join.
+    /// Configuration of its coordinator, which lets all the others join.
     pub coordinator: CheckedConfig,
-    /// Of its cameras, in the order of the file.
+    /// Configurations of its cameras, in the order of the file.
     pub cameras: Vec<CheckedConfig>,
-    /// Of its targets, in the order of the file.
+    /// Configurations of its targets, in the order of the file.
     pub targets: Vec<CheckedConfig>,
 }
 
@@ -103,7 +103,7 @@ impl NetworkTable {
     /// Known parts of the frame, as its nodes are told them.
     ///
     /// # Errors
-    /// They are to be told what the file does not say. `name` is what the network is called.
+    /// They are to be told a value that the file does not have. `name` is the name of the network.
     pub(crate) fn known(&self, name: &str) -> Result<Known<f64>, ScenarioError> {
         let references = &self.references;
         let places = references.cameras.map(|id| self.camera(id)?.place());

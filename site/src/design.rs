@@ -108,8 +108,8 @@ pub struct FurtherCamera {
     pub y: f64,
     /// Direction, degrees from the x axis.
     pub heading_deg: f64,
-    /// The network that it would best belong to, from 0: of whose stops it would measure most, or else that
-    /// of the nearest camera.
+    /// The network that it would best belong to, from 0: the one of whose stops it would measure most, or else
+    /// that of the nearest camera.
     pub network: usize,
     /// Information that it would give on a target's place, mean over the places where one can stand.
     pub gain_bits: f64,
@@ -135,8 +135,8 @@ struct Prospect {
     radius: f64,
     noise: Noise,
     bounds: [Point2<f64>; 2],
-    /// Of each of the world's cameras: network, place among its cameras, information about its pose from
-    /// the stops, and covariance.
+    /// Network, place among its cameras, information about its pose from the stops, and covariance of each of the
+    /// world's cameras.
     known: Vec<Known>,
 }
 
@@ -230,7 +230,7 @@ impl Grid {
     }
 }
 
-/// About the place of a target, from one bearing of a camera whose pose has this covariance.
+/// Information about the place of a target, from one bearing of a camera whose pose has this covariance.
 fn of_bearing(
     camera: &Camera,
     covariance: &Matrix3<f64>,

@@ -561,8 +561,8 @@ pub struct FrameTable {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferencesTable {
-    /// The node numbers of the first and the second one. Where they are elected: of those in whose
-    /// view the walk begins.
+    /// The node numbers of the first and the second one. If they are elected, those of the cameras in whose view
+    /// the walk begins.
     pub cameras: [u16; 2],
     /// They are not configured; trigger and helper are elected. Default false.
     #[serde(default)]

@@ -117,7 +117,7 @@ impl FirmwareTable {
             position,
             heading_deg,
         } = &mut camera.good_enough;
-        // 0 is what no camera reaches; a configuration has no such value.
+        // No camera reaches 0; a configuration has no such value.
         let never = f64::from(f32::MIN_POSITIVE);
         put_f32(position, self.good_enough_position.map(|s| s.max(never)));
         put_f32(

@@ -22,7 +22,7 @@ const CHANNELS: [u8; 16] = [
     11, 15, 19, 23, 13, 17, 21, 25, 12, 16, 20, 24, 14, 18, 22, 26,
 ];
 
-/// Of the targets, so that no camera takes a neighbour's for its own.
+/// Colours of the targets, so that no camera takes a neighbour's for its own.
 const COLOURS: [Rgb; 4] = [[230, 105, 35], [40, 70, 220], [40, 200, 60], [215, 40, 190]];
 
 /// Makes the networks of a grid and the world that holds them.

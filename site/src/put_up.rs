@@ -126,7 +126,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of references at these places of the world.
+    /// Frame of references at these places of the world.
     pub fn between([origin, other]: [Point2<f64>; 2]) -> Self {
         let baseline = other - origin;
         Self {

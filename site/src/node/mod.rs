@@ -103,7 +103,7 @@ const COMMON: [&str; 5] = ["role", "id", "channels", "tx-power", "protection"];
 /// Tables whose parts have usual values of their own.
 const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
-/// Of a CMUcam2 with the OV6620. The field of view is always given.
+/// Lens of a CMUcam2 with the OV6620. The field of view is always given.
 const LENS: Lens = Lens::pin_hole(88, 45.0);
 /// A CMUcam2's columns with either of its sensors.
 const COLUMNS: [u16; 2] = [88, 160];

@@ -46,7 +46,7 @@ pub(super) struct Prices<'a, S> {
     before: &'a [usize],
     count: usize,
     score: S,
-    /// Of the order that was settled on: each camera's price, and the last index of an order that it looks at.
+    /// Each camera's price for the settled order, and the last index of an order that it looks at.
     settled: Vec<(f64, usize)>,
 }
 

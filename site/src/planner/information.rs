@@ -8,9 +8,9 @@ use crate::world::Camera;
 /// Errors to come, as the planner assumes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Of a blob's middle, columns, standard deviation.
+    /// Standard deviation of a blob's middle, columns.
     pub columns: f64,
-    /// Of the target about the place that it tells, along each axis, standard deviation.
+    /// Standard deviation of the target about the place that it tells, along each axis.
     pub standing: f64,
 }
 

@@ -246,7 +246,7 @@ fn score_of_pose(information: &Matrix3<f64>, range: f64) -> f64 {
     information::bound(information).map_or(f64::INFINITY, |v| score_of(v.m11 + v.m22, v.m33, range))
 }
 
-/// Of the references' headings, and of places that they find.
+/// Score of the references' headings, and of places that they find.
 fn score_of_pair(information: &Matrix6<f64>, range: f64) -> f64 {
     information::bound(information).map_or(f64::INFINITY, |v| {
         // The frame's heading moves what is far away.

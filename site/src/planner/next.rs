@@ -189,7 +189,7 @@ impl Advice<'_> {
         information::of_reference_stop(cameras, place, &pair.noise)
     }
 
-    /// Of the references: that they are about here, looking anywhere, and what stops told.
+    /// Information on the references: that they are about here, looking anywhere, and what stops told.
     fn known_of(&self, pair: &PairWish) -> Matrix6<f64> {
         let [heading, place] =
             [PI, self.world.cameras()[pair.cameras[0]].range].map(|s| s.powi(-2));

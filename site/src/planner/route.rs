@@ -130,7 +130,7 @@ pub(super) trait Price {
     /// Price of this order; others are changes of it from now on.
     fn settle(&mut self, order: &[usize]) -> f64;
 
-    /// Of the order that was settled on, changed between these indices.
+    /// Price of the settled order, changed between these indices.
     fn of(&mut self, order: &[usize], changed: RangeInclusive<usize>) -> f64;
 }
 

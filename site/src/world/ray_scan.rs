@@ -16,7 +16,7 @@ use cmucam2_emulator::{Extent, Shape};
 /// The targets `near` as a scan has them.
 pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
     let columns = camera.lens.columns() as usize;
-    // Of each column: the distance of what its ray hits first, and the target if it is one.
+    // For each column, the distance of the first thing that its ray hits, and the target if it is one.
     let mut hits: Vec<Option<(f64, usize)>> = vec![None; columns];
     for &index in near {
         let target = &world.targets[index];

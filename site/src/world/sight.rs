@@ -48,7 +48,7 @@ pub struct View {
 /// A part of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
-    /// Of a target. `None`: what hides a target here looks like the backdrop.
+    /// Colour of a target. `None`: the thing that hides a target here looks like the backdrop.
     pub colour: Option<Rgb>,
     /// Its outline.
     pub shape: Shape,
@@ -170,7 +170,7 @@ impl Ball {
         in_view.then_some(ball)
     }
 
-    /// Of obstacles, relative to the bearing.
+    /// Shadows of obstacles, relative to the bearing.
     fn shadows(&self, world: &World, camera: &Camera) -> Vec<Shadow> {
         let mut shadows = Vec::new();
         let radius = self.distance * self.half_width.sin();

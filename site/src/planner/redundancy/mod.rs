@@ -28,7 +28,7 @@ const LEAST_REDUNDANCY: f64 = 1e-4;
 pub const UNCHECKED: f64 = 0.02;
 /// Nothing is known better, as a target believes: rounding.
 const LEAST_SIGMA: f64 = 1e-3;
-/// Of what nothing is known: so many ranges, and radians.
+/// Sigma of an unknown value: so many ranges, and radians.
 const VAGUE: f64 = 100.0;
 
 /// Unknowns that every survey has: scale and compass of the carrier, headings of the references.
@@ -71,7 +71,7 @@ impl Steps {
         self.leg = [shares.get(shares.len() / 2).copied().unwrap_or_default(); 2];
     }
 
-    /// Of a leg of this length and direction.
+    /// Covariance of a leg of this length and direction.
     pub fn covariance(&self, way: Vector2<f64>) -> Matrix2<f64> {
         let least = self.least.hypot(LEAST_SIGMA).powi(2);
         let [along, across] = self.leg.map(|share| share.powi(2));
@@ -375,7 +375,7 @@ impl Redundancy {
             let own = [0, 1, 2].map(|n| self.covariance.row(column + n));
             for (row, size) in self.rows.iter().zip(&sizes) {
                 let [x, y, turn] = own.map(|own| row.along(own) * size);
-                // Of the place the square: there are many rows, and roots take long.
+                // The square of the place is compared: there are many rows, and roots take long.
                 for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
                     if now > worst.0 {
                         *worst = (now, Some(row.of));
