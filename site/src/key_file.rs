@@ -8,7 +8,7 @@
 //!
 //! `1` is the version of the format, INDEX the key's index in decimal (1 to 255), KEY its 16 bytes
 //! and CHECKSUM the CRC-32 (ISO-HDLC) of all characters before it, both in lower-case hexadecimal.
-//! Only its owner may read it. No message tells what is in it.
+//! Only its owner may read it. No message tells its content.
 
 use std::{
     fs,
@@ -125,7 +125,7 @@ fn parse(contents: &[u8]) -> Result<SiteKey, &'static str> {
         *byte = u8::from_str_radix(&digits[2 * place..][..2], 16)
             .map_err(|_| "its key is not hexadecimal")?;
     }
-    // One text for each key: what is written otherwise was changed.
+    // Each key has one text: a file with another text was changed.
     if self::text(index, &bytes) != text {
         return Err("its checksum is wrong");
     }

@@ -1,4 +1,4 @@
-//! Whether values of a file make sense together. What each may be alone is in `keys`.
+//! Checks that values of a file make sense together. The limits of each value alone are in `keys`.
 
 mod events;
 
@@ -328,8 +328,8 @@ fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checke
     Ok(())
 }
 
-/// Whether two cameras, the second one so far from the first, look at anything in common, were
-/// there no walls and no range. Both are told by their headings and fields of view, radians.
+/// Returns true if two cameras, the second one so far from the first, look at anything in common, were there
+/// no walls and no range. Both are told by their headings and fields of view, radians.
 fn views_meet(baseline: Vector2<f64>, first: (f64, f64), second: (f64, f64)) -> bool {
     const RAYS: i32 = 32;
     let rays = |(heading, view): (f64, f64)| {
