@@ -35,7 +35,7 @@ pub enum KeyFileError {
     Read(#[source] io::Error),
     /// It is not only its owner's.
     #[error(
-        "others may read it, so it is not a secret: type `chmod 600` and its name if nobody did, or \
+        "others may read it, so it is not a secret: type `chmod 600` and its name if no one did, or \
          make another key with `host-sim keygen`"
     )]
     Public,
@@ -46,7 +46,7 @@ pub enum KeyFileError {
     )]
     NoKey(&'static str),
     /// Such as sixteen zeros.
-    #[error("nobody drew this key at random: make another one with `host-sim keygen`")]
+    #[error("this key was not drawn at random: make another one with `host-sim keygen`")]
     NotRandom,
     /// There are no random numbers.
     #[error("the system gave no random numbers")]

@@ -354,7 +354,7 @@ pub enum NetworkError {
     )]
     NoWalk(&'static str),
     /// Ranges without a baseline: both would set the scale.
-    #[error("has ranges, and nobody knows the baseline: say how long it is with --baseline")]
+    #[error("has ranges, and the baseline is not known: say how long it is with --baseline")]
     RangesWithoutBaseline,
     /// A number is not finite, or a sigma or length not above zero.
     #[error("{0}: correct it")]

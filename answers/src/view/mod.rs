@@ -366,7 +366,7 @@ impl NetworkView {
                 is_news.then(|| match present {
                     true => format!("{name}: the reference camera answers again"),
                     false => format!(
-                        "{name}: the reference camera does not answer, and nobody gets a pose without \
+                        "{name}: the reference camera does not answer, and no camera gets a pose without \
                          it: check its power and its radio, or put another one in its place"
                     ),
                 })

@@ -46,7 +46,7 @@ fn handle(watchdog: Peri<'static, peripherals::WDT>) -> Option<WatchdogHandle> {
     config.action_during_debug_halt = HALTED;
     let Ok((_, [handle])) = Watchdog::try_new(watchdog, config) else {
         // It runs with other settings, otherwise: another program before this one has started it.
-        defmt::error!("the watchdog is somebody else's");
+        defmt::error!("the watchdog was started by another program");
         return None;
     };
     Some(handle)

@@ -344,7 +344,7 @@ impl Objects {
     ) -> Option<String> {
         let Some(object) = is else {
             self.0.remove(&which);
-            return Some("nobody sees it any more".to_owned());
+            return Some("no camera sees it any more".to_owned());
         };
         let is_recent = |at: &Duration| now.saturating_sub(*at) < Self::PERIOD;
         if self.0.get(&which).is_some_and(is_recent) {

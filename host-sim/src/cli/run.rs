@@ -434,7 +434,7 @@ impl Onlookers {
         }
         if let Some(path) = &self.animation {
             let picture = animation(&self.kept).map(|svg| end.mark_svg(svg));
-            let picture = picture.context("nobody knows where the cameras are");
+            let picture = picture.context("it is not known where the cameras are");
             ended = and(ended, write(path, picture));
         }
         ended

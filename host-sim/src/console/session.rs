@@ -500,7 +500,7 @@ impl Session {
                 }
                 let why = match wish {
                     Wish::JoinWindow(_) => "whether new nodes may join is not known",
-                    Wish::Remove(_) => "type it again; whoever is away is removed all the same",
+                    Wish::Remove(_) => "type it again; a node that is away is removed all the same",
                     Wish::ChangeKey(_) => {
                         "keep both keys; listen to hear when the new one is in use"
                     }

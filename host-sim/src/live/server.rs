@@ -413,7 +413,7 @@ async fn command(
             let commands = { server.0.commands.lock() }.unwrap_or_else(PoisonError::into_inner);
             match commands.send(command) {
                 Ok(()) => StatusCode::ACCEPTED.into_response(),
-                Err(_) => (StatusCode::GONE, "nobody does anything any more").into_response(),
+                Err(_) => (StatusCode::GONE, "the program ends").into_response(),
             }
         }
         Err(wrong) => (StatusCode::UNPROCESSABLE_ENTITY, wrong.body_text()).into_response(),

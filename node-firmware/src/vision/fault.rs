@@ -89,7 +89,7 @@ impl fmt::Display for VisionError {
                  PixyMon, and finds nothing that moves"
             }
             Self::Busy => {
-                "the camera is busy all the time: let it run color_connected_components, and nobody \
+                "the camera is busy all the time: let it run color_connected_components, and let no program \
                  hold its button"
             }
         })

@@ -285,7 +285,7 @@ fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checke
         ("frame_heading_known", references.frame_heading_known()),
     ] {
         if references.elected && is_known {
-            let allowed = "`false` or left out where the references are `elected`: nobody knows \
+            let allowed = "`false` or left out where the references are `elected`: it is not known \
                            beforehand which two cameras they will be";
             return Err(refuse(format!("{name}.references.{key}"), true, allowed));
         }

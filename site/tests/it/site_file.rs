@@ -404,7 +404,7 @@ fn errors_name_key_and_line() {
         ),
         (
             references("elected = true, frame_heading_known = true"),
-            ["frame_heading_known` is true", "nobody knows"],
+            ["frame_heading_known` is true", "it is not known"],
         ),
         (
             references("elected = true, baseline = 4"),

@@ -58,7 +58,7 @@ impl fmt::Display for SendError {
             Self::NotJoined => "the node belongs to no network: wait until it has joined",
             Self::QueueFull => "too many messages are on their way: wait for a result",
             Self::TooLong => "the message is too long for one frame",
-            Self::Destination => "the address is the own one or nobody's",
+            Self::Destination => "the address is the own one or no node's",
         })
     }
 }

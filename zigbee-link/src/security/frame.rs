@@ -143,7 +143,7 @@ impl fmt::Display for Refused {
             Self::Level => "another security level than this network's",
             Self::Key => "a key that is not accepted",
             Self::NoSource => "no source address",
-            Self::UnknownShort(short) => return write!(f, "nobody known has address {short}"),
+            Self::UnknownShort(short) => return write!(f, "no known node has address {short}"),
             Self::OwnAddress => "sent in this node's own name",
             Self::Replayed => "a frame counter that is not new",
             Self::Mic => "a wrong integrity code",

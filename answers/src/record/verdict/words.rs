@@ -218,7 +218,7 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
             } = level;
             let not = if is_tolerated { "" } else { "not " };
             format!(
-                "{not}checked: one wrong measurement that nobody noticed could move it by \
+                "{not}checked: one wrong measurement that was not noticed could move it by \
                  {position:.2} {unit} and turn it by {:.1} deg",
                 half_turn(*heading_deg)
             )
@@ -360,7 +360,7 @@ impl Verdict {
         };
         writeln!(
             f,
-            "  Checked: one wrong measurement that nobody noticed moves such a pose by {position:.2} {} \
+            "  Checked: one wrong measurement that was not noticed moves such a pose by {position:.2} {} \
              and turns it by {heading_deg:.1} deg at most.",
             self.unit
         )

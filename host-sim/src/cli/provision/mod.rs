@@ -143,7 +143,7 @@ impl Arguments {
             RoleConfig::Coordinator(coordinator)
                 if coordinator.allow.is_empty() && coordinator.join_window_s == 0 =>
             {
-                tell("Nobody may join this coordinator until its button opens the join window.");
+                tell("No node may join this coordinator until its button opens the join window.");
             }
             RoleConfig::Target(target) if target.sensor.hard_iron == [0.0; 3] => {
                 let what = match &self.site {

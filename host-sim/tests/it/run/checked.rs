@@ -60,7 +60,7 @@ fn a_pose_of_three_sightings_is_not_checked_until_the_target_stops_again_before_
     assert!(text.starts_with("13 of 13 cameras are calibrated, 10 of 11 poses are checked.\n"));
     assert!(
         text.contains(
-            "camera 11: not checked: one wrong measurement that nobody noticed could move it by \
+            "camera 11: not checked: one wrong measurement that was not noticed could move it by \
              12.40 units and turn it by 132.0 deg: stop again before it\n"
         ),
         "{text}"

@@ -61,7 +61,7 @@ fn a_complete_run_leaves_nothing_to_do() {
     assert_eq!(
         verdict.to_string(),
         "13 of 13 cameras are calibrated, 11 of 11 poses are checked; nothing is left to do.\n  \
-         Checked: one wrong measurement that nobody noticed moves such a pose by 0.42 units and turns \
+         Checked: one wrong measurement that was not noticed moves such a pose by 0.42 units and turns \
          it by 2.5 deg at most.\n"
     );
 }
@@ -424,7 +424,7 @@ fn nodes_that_could_not_go_on_are_named() {
     assert_eq!(
         verdict.to_string(),
         "13 of 13 cameras are calibrated, 11 of 11 poses are checked.\n  \
-         Checked: one wrong measurement that nobody noticed moves such a pose by 0.42 units and turns \
+         Checked: one wrong measurement that was not noticed moves such a pose by 0.42 units and turns \
          it by 2.5 deg at most.\n  \
          coordinator 0: its firmware could not go on once, and was started again: the radio failed\n  \
          target 20: its firmware could not go on 2 times, and was started again; the last time: no flash\n"
