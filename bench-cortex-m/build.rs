@@ -1,4 +1,4 @@
-//! Chooses the emulated board by the target: where its memory ends, and the rate of its `SysTick`.
+//! Chooses the emulated board by the target: the end of its memory, and the rate of its `SysTick`.
 
 use std::{env, fs, io, path::PathBuf};
 

@@ -27,7 +27,7 @@ pub fn quantile(ascending: &[f64], q: f64) -> Option<f64> {
     Some(low + (high - low) * (place - below as f64))
 }
 
-/// What a set of errors is like.
+/// Statistics of a set of errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Half of the errors are below.
@@ -41,7 +41,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of errors in any order; `None` if there are none. Sorts them.
+    /// Statistics of errors in any order; `None` if there are none. Sorts them.
     pub fn of(errors: &mut [f64]) -> Option<Self> {
         errors.sort_unstable_by(f64::total_cmp);
         let squares: f64 = errors.iter().map(|e| e * e).sum();
@@ -121,7 +121,7 @@ impl Comparisons {
     }
 }
 
-/// How good answers are.
+/// Accuracy of answers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accuracy {
     /// Distances between answers and truth, in the unit of the targets' places.

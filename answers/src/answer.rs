@@ -6,7 +6,7 @@ use nalgebra::Point2;
 
 use crate::recorded::sightings::Case;
 
-/// How to solve.
+/// Options of the solve.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Settings {
     /// Sightings more than this many sigmas off the pose that most others agree on are dropped.
@@ -40,7 +40,7 @@ impl Reason {
         }
     }
 
-    /// What it comes to.
+    /// Status that it leads to.
     fn status(self) -> Status {
         match self {
             Self::Unreadable => Status::Refused,
@@ -50,13 +50,13 @@ impl Reason {
     }
 }
 
-/// Whether there is a pose, as certain as was asked for by its own prediction. That of an ambiguous
+/// Returns true if there is a pose, as certain as was asked for by its own prediction. That of an ambiguous
 /// one does not count, since the sightings themselves refute it.
 pub fn is_kept(status: Status, reason: Option<Reason>) -> bool {
     status == Status::Calibrated || reason == Some(Reason::Contradictory)
 }
 
-/// What is the matter, and what to do about it; nothing for [`Status::Calibrated`].
+/// Description of the problem, with advice; nothing for [`Status::Calibrated`].
 pub fn advice(status: Status, reason: Option<Reason>) -> Option<String> {
     let advice = match (status, reason) {
         (_, Some(Reason::Refusal(refusal))) => return Some(refusal.to_string()),
@@ -82,19 +82,19 @@ pub fn advice(status: Status, reason: Option<Reason>) -> Option<String> {
 /// The answer for one case.
 #[derive(Clone, Copy, Debug)]
 pub struct Answer<'a> {
-    /// Whose.
+    /// Name of the case.
     pub case: &'a str,
-    /// What became of it.
+    /// Status of its answer.
     pub status: Status,
     /// Why it has no pose, or none to rely on.
     pub reason: Option<Reason>,
     /// The pose, if there is one.
     pub solution: Option<resection::Solution<f64>>,
-    /// Of an ambiguous pose: another place that the sightings allow.
+    /// Another place that the sightings allow, if the pose is ambiguous.
     pub alternative: Option<Point2<f64>>,
-    /// How many sightings were recorded, whether used, dropped or unreadable.
+    /// Number of sightings that were recorded, whether used, dropped or unreadable.
     pub sightings: usize,
-    /// How many of them were dropped as outliers.
+    /// Number of sightings that were dropped as outliers.
     pub dropped: usize,
 }
 
@@ -106,7 +106,7 @@ pub struct Solver {
 }
 
 impl Answer<'_> {
-    /// Whether it [is kept](is_kept).
+    /// Returns true if it [is kept](is_kept).
     pub fn is_kept(&self) -> bool {
         is_kept(self.status, self.reason)
     }
@@ -178,7 +178,7 @@ impl Solver {
     }
 }
 
-/// How many cases came to what.
+/// Number of cases by status and reason.
 #[derive(Clone, Debug, Default)]
 pub struct Tally(IndexMap<(Status, Option<Reason>), usize>);
 
@@ -188,20 +188,20 @@ impl Tally {
         *self.0.entry((answer.status, answer.reason)).or_default() += 1;
     }
 
-    /// How many have this reason.
+    /// Number of cases that have this reason.
     pub fn because(&self, reason: Reason) -> usize {
         let all = self.0.iter();
         let of_it = all.filter(|((_, why), _)| *why == Some(reason));
         of_it.map(|(_, n)| n).sum()
     }
 
-    /// How many came to this.
+    /// Number of cases with this status.
     pub fn count(&self, status: Status) -> usize {
         let all = self.0.iter().filter(|((of, _), _)| *of == status);
         all.map(|(_, n)| n).sum()
     }
 
-    /// How many there were.
+    /// Number of cases.
     pub fn total(&self) -> usize {
         self.0.values().sum()
     }

@@ -9,7 +9,7 @@ use calib_core::{
 
 use crate::recorded::sightings::Recording;
 
-/// What the sightings of all cases say together about the lens, as if one had made all.
+/// Estimate of the lens from the sightings of all cases together, as if one camera had made all.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LensReport {
     /// The projection that fits best.

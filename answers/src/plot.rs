@@ -23,7 +23,7 @@ mod view;
 pub use run::{errors, map, residuals};
 pub use sweep::sweep;
 
-/// Cameras beyond this number hide each other: who has more chooses some.
+/// Cameras beyond this number hide each other: a caller with more chooses some.
 pub const MOST_CAMERAS: usize = 500;
 
 /// Up to so many cameras all have their names on a map; of more, those for whose names there is room.
@@ -36,14 +36,14 @@ pub struct MapCamera {
     pub name: String,
     /// Where, and how sure.
     pub pose: Pose<f64>,
-    /// What the pose is worth: tells colour and shape.
+    /// Status of the pose, shown by colour and shape.
     pub status: Status,
 }
 
-/// What to draw.
+/// Content of a drawing.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
-    /// What it shows.
+    /// Title of the drawing.
     pub title: String,
     /// Name of the unit of length.
     pub unit: String,
@@ -119,7 +119,7 @@ pub fn svg(map: &Map) -> Result<String, PlotError> {
     Ok(canvas.finish([plane]))
 }
 
-/// Entries of a legend: how many cameras are worth what.
+/// Entries of a legend: number of cameras of each worth.
 fn count(cameras: &(impl Iterator<Item = Worth> + Clone)) -> Vec<Entry> {
     let counts = Worth::ALL.into_iter().map(|worth| {
         let count = cameras.clone().filter(|other| *other == worth).count();

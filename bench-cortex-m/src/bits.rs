@@ -15,13 +15,13 @@ use rand_chacha::ChaCha8Rng;
 use crate::{joint, pose, scene::Scene};
 
 const SEED: u64 = 2001;
-/// Standard deviation of a bearing, radians, and the most that one is off.
+/// Standard deviation of a bearing, radians, and the largest error of one.
 const BEARING_SIGMA: f64 = 0.005;
 const OFF: f64 = 0.01;
 
 /// A number whose bits can be told.
 pub trait Bits: Real + SampleUniform {
-    /// Them.
+    /// Its bits.
     fn bits(self) -> u64;
 }
 
@@ -37,8 +37,8 @@ impl Bits for f64 {
     }
 }
 
-/// Prints what every processor has room for: poses from three sightings. A line each: what it is, and its
-/// numbers in hexadecimal.
+/// Prints the results for which every processor has room: poses from three sightings. A line each: its name, and
+/// its numbers in hexadecimal.
 ///
 /// # Errors
 /// The output's.
@@ -188,7 +188,8 @@ mod tests {
         bits.map(f64::from_bits).collect()
     }
 
-    /// As many as there are, none refused, and that of the walk and the tracks in double precision right.
+    /// There are as many results as expected, none refused, and those of the walk and the tracks in double
+    /// precision are right.
     #[test]
     fn they_are_results() {
         let mut all = String::new();
@@ -214,7 +215,7 @@ mod tests {
         assert!((scale - 1.0).abs() < 0.01, "{scale}");
         let mut last = all.lines().rev();
         let ends = [(); 2].map(|()| numbers(last.next().unwrap()));
-        // Where they are after 7.95 s.
+        // Their places after 7.95 s.
         for (x, y) in [(6.18, 5.59), (6.205, 3.32)] {
             let is_there = |end: &Vec<f64>| (end[0] - x).hypot(end[1] - y) < 0.1;
             assert!(ends.iter().any(is_there), "{ends:?}");

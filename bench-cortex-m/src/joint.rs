@@ -39,7 +39,7 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
     })
 }
 
-/// Solves the round of 13 cameras in one stretch, for whoever wants to know what comes of it.
+/// Solves the round of 13 cameras in one stretch, and hands the estimator to `look`.
 pub(crate) fn solve_thirteen<T: Real, R>(look: impl FnOnce(&mut JointEstimator<'_, T>) -> R) -> R {
     let mut arrays = Thirteen::<T>::new();
     let mut joint = walked(arrays.memory(), 4);
@@ -99,8 +99,8 @@ impl<T: Real, const C: usize, const S: usize, const B: usize, const W: usize>
     }
 }
 
-/// Cameras around an area, `each` bearings of every one of them, and a round that has begun: solve,
-/// check, legs' noise and protection levels. What was measured is the same in any precision.
+/// Cameras around an area, `each` bearings of every one of them, and a round that has begun: solve, check, legs'
+/// noise and protection levels. The measurements are the same in any precision.
 fn walked<T: Real>(memory: JointMemory<'_, T>, each: usize) -> JointEstimator<'_, T> {
     let real = |number: f32| lit::<T>(number.into());
     let (cameras, stops) = (memory.cameras.len(), memory.stops.len());

@@ -1,4 +1,4 @@
-//! How many instructions the node's routines take on the processors a node may have.
+//! Instructions that the node's routines take on the processors a node may have.
 //!
 //! The emulator executes one instruction per nanosecond of its own time, so a timer on the
 //! emulated board counts instructions, the same in every run. Instructions are not cycles: flash
@@ -10,7 +10,7 @@
 //! | [`joint`] | rounds of joint estimation, step by step |
 //! | [`measure`] | counts a routine over many inputs, prints one line |
 //! | [`pose`] | poses from three sightings, of which the bits are told |
-//! | [`routines`] | what is counted; **a new routine is one more statement there** |
+//! | [`routines`] | the routines that are counted; **a new routine is one more statement there** |
 //! | [`scene`] | random cameras and targets to count with |
 //! | [`total`] | a published three-object method, to compare with |
 //! | [`tracker`] | looks of cameras that track four objects |

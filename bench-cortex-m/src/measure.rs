@@ -1,10 +1,9 @@
 //! Counting the instructions of one call.
 //!
-//! A timer's tick is many instructions, so each input is worked on [`REPEATS`] times, and so is
-//! the same input by a closure that does nothing. The difference, divided and rounded, is what one
-//! call takes: the input read through a pointer, the routine, inlined or called as the compiler
-//! sees fit, and the result stored on the stack. The call through a pointer, its frame and the loop
-//! are the same for both and cancel.
+//! A timer's tick is many instructions, so each input is worked on [`REPEATS`] times, and so is the same input by
+//! a closure that does nothing. The difference, divided and rounded, is the cost of one call: the input read
+//! through a pointer, the routine, inlined or called as the compiler sees fit, and the result stored on the stack.
+//! The call through a pointer, its frame and the loop are the same for both and cancel.
 
 use core::{fmt, hint::black_box};
 
@@ -18,7 +17,7 @@ pub const INPUTS: usize = 65;
 /// up to 100 instructions this leaves less than half an instruction, which rounding removes.
 pub const REPEATS: u32 = 500;
 
-/// Steps of what is counted step by step, at most.
+/// Steps of a routine that is counted step by step, at most.
 const STEPS: usize = 1000;
 
 /// Every routine starts from this seed: those that draw the same kind of input get the same ones.
@@ -45,7 +44,7 @@ pub struct Counts {
     pub max: u64,
 }
 
-/// Why there is no count.
+/// Reason why there is no count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {
@@ -100,8 +99,8 @@ impl<C: Counter, W: fmt::Write> Bench<C, W> {
     /// Counts `work` on [`INPUTS`] inputs drawn by `draw`, and prints
     /// `instructions <name> <min> <median> <max>`.
     ///
-    /// The name has no spaces. The result of `work` is computed in full, whatever is done with it.
-    /// What `work` captures stays from call to call: a parser, a frame counter, a buffer.
+    /// The name has no spaces. The result of `work` is computed in full, even if it is not used. Variables that
+    /// `work` captures stay from call to call: a parser, a frame counter, a buffer.
     ///
     /// # Errors
     /// [`Error::TooLong`], [`Error::Output`].
@@ -119,9 +118,9 @@ impl<C: Counter, W: fmt::Write> Bench<C, W> {
         self.report(name, &mut counts)
     }
 
-    /// Counts each call of `step`, which is too long to be repeated, until it says that there is no
-    /// more; and prints the same line of them, then one of all together, `<name>_in_all`. What a
-    /// call of nothing takes is in it, and up to a tick.
+    /// Counts each call of `step`, which is too long to be repeated, until it says that there is no more; and
+    /// prints the same line of them, then one of all together, `<name>_in_all`. The cost of a call of nothing is
+    /// in it, and up to a tick.
     ///
     /// # Errors
     /// [`Error::TooLong`], also for too many steps; [`Error::Output`].
@@ -210,7 +209,7 @@ mod tests {
 
     use super::*;
 
-    /// Counts what the work says it took, in ticks of 40, after an overhead of 123,456.
+    /// Counts as many instructions as the work reports, in ticks of 40, after an overhead of 123,456.
     struct Told<'a> {
         spent: &'a Cell<u64>,
         limit: u64,

@@ -1,4 +1,4 @@
-//! What is counted.
+//! Routines that are counted.
 
 use core::{f32::consts::PI, fmt};
 
@@ -30,7 +30,7 @@ use crate::{
 /// # Errors
 /// As [`Bench::measure`].
 pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
-    // What reading an input and storing a result take: the floor under every line below.
+    // Cost of reading an input and storing a result: the floor under every line below.
     bench.measure("copy_f32", RngExt::random::<f32>, |x| *x)?;
 
     for (name, projection) in [

@@ -10,16 +10,16 @@ const HALF_VIEW: f64 = core::f64::consts::FRAC_PI_6;
 /// Nearest and farthest target.
 const RANGES: (f64, f64) = (1.0, 8.0);
 
-/// Nothing is closer to the danger circle than where a bearing error of one radian moves the
-/// position by this many lengths, to first order. One degree then moves it by about one length.
+/// Largest move of the position by a bearing error of one radian, lengths, to first order: scenes nearer to the
+/// danger circle are left out. One degree then moves it by about one length.
 const LARGEST_POSITION_PER_RADIAN: f64 = 60.0;
 
 /// A camera's true pose, and three targets in its view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scene<T: Real> {
-    /// Where the camera stands, within 10 of the origin along each axis.
+    /// Place of the camera, within 10 of the origin along each axis.
     pub position: Point2<T>,
-    /// Where it looks, radians in `[0, 2 pi)`.
+    /// Direction of its axis, radians in `[0, 2 pi)`.
     pub heading: T,
     /// Three places 1 to 8 from the camera, at most 30 degrees off its axis, in random order.
     pub targets: [Point2<T>; 3],
@@ -65,13 +65,13 @@ impl<T: Real + SampleUniform> Scene<T> {
 }
 
 impl<T: Real> Scene<T> {
-    /// What a solver that works with rays is given.
+    /// Input of a solver that works with rays.
     pub fn sightings(&self, bearing_sigma: T) -> [Sighting<T>; 3] {
         core::array::from_fn(|i| Sighting::new(self.targets[i], self.rays[i], bearing_sigma))
     }
 
-    /// What a solver that works with angles is given: the targets, and their bearings relative to
-    /// the camera's axis, radians, counter-clockwise.
+    /// Input of a solver that works with angles: the targets, and their bearings relative to the camera's axis,
+    /// radians, counter-clockwise.
     pub fn bearings(&self) -> ([Point2<T>; 3], [T; 3]) {
         (self.targets, self.rays.map(Ray::bearing))
     }

@@ -17,8 +17,7 @@ pub struct TotalPose<T: Real> {
     pub heading: T,
 }
 
-/// Where the robot is that sees `beacons` at `angles`: radians, counter-clockwise, from any common
-/// direction.
+/// Place of the robot that sees `beacons` at `angles`: radians, counter-clockwise, from any common direction.
 ///
 /// `None` where the three circles are one, to the last bit. Close to there, on the circle through
 /// the beacons or on one line with all of them, the answer is a bad one, as published.

@@ -1,4 +1,4 @@
-//! Looks of cameras that track: what one costs the coordinator.
+//! Looks of cameras that track, and their cost for the coordinator.
 
 use core::fmt;
 
@@ -63,7 +63,7 @@ impl Scene {
         }
     }
 
-    /// To draw a look is in the count: some hundred instructions.
+    /// Draws a look and takes it in. Drawing is in the count: some hundred instructions.
     fn take(&mut self) {
         let n = self.looks;
         self.looks += 1;
@@ -104,7 +104,7 @@ impl Scene {
 mod tests {
     use super::*;
 
-    /// What is counted is what it is called.
+    /// The counted scene fits its name.
     #[test]
     fn all_four_are_found_and_stay() {
         let mut scene = Scene::new();

@@ -1,5 +1,4 @@
-//! What the images for measuring have in common: `cargo xtask size` builds them and compares each
-//! with the empty one.
+//! Common parts of the images for measuring: `cargo xtask size` builds them and compares each with the empty one.
 //!
 //! Radio, flash and clock are stubs that the compiler cannot see through, so that everything an
 //! application could reach is in the image and nothing of a driver is. RAM is the future of the
@@ -14,7 +13,7 @@ use core::{future::Future, sync::atomic::AtomicU8};
 
 pub use self::stub::idle;
 
-/// Where an executor would keep a task of `LEN` bytes.
+/// Place where an executor would keep a task of `LEN` bytes.
 pub struct Place<const LEN: usize>([AtomicU8; LEN]);
 
 impl<const LEN: usize> Place<LEN> {

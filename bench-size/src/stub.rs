@@ -21,7 +21,7 @@ pub fn idle() -> ! {
     }
 }
 
-/// What any hardware may do.
+/// Error of any hardware.
 #[derive(Debug)]
 pub(crate) struct Failed;
 

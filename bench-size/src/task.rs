@@ -1,4 +1,4 @@
-//! What the images do.
+//! Tasks of the images.
 
 use core::{hint::black_box, time::Duration};
 
@@ -23,14 +23,14 @@ const QUEUE: usize = 4;
 /// Members of a coordinator.
 const MEMBERS: usize = 16;
 
-/// What a node says.
+/// Message of a node.
 type Message = (u8, [u8; 8]);
 
-/// Nothing: the start of the processor, and what every image has.
+/// Nothing: the start of the processor, and the parts that every image has.
 pub async fn empty() {}
 
 fn protection() -> Protection {
-    // Which is not known before the node reads its configuration.
+    // A setting that is not known before the node reads its configuration.
     black_box(Protection::EncMic64)
 }
 
@@ -72,8 +72,7 @@ fn attached(key: Key, counter: Counter) -> Link<PEERS, QUEUE> {
     link
 }
 
-/// Messages with peers whose addresses are known; no network, and nothing that remembers the frame
-/// counter.
+/// Messages with peers whose addresses are known; no network, and no memory of the frame counter.
 pub async fn link() {
     let Some(key) = Key::new(black_box(1), black_box([7; 16])) else {
         return;
@@ -136,7 +135,7 @@ async fn echo<const MEMBERS: usize>(
     select(run(shared, &mut radio, store), application).await;
 }
 
-/// Calls what an application may call.
+/// Calls the functions that an application may call.
 fn act<const MEMBERS: usize>(node: &mut Node<PEERS, QUEUE, MEMBERS>, now: Instant) {
     if MEMBERS == 0 {
         node.leave(now);

@@ -1,5 +1,5 @@
-//! Simulated Gaussian bearings: does the answer's spread reach the Cramer-Rao bound, and does the
-//! predicted covariance say so?
+//! Simulated Gaussian bearings: a check that the answer's spread reaches the Cramer-Rao bound, and that the
+//! predicted covariance agrees.
 
 use calib_core::{Ray, Sighting, resection};
 use nalgebra::Point2;

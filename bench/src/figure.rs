@@ -18,18 +18,18 @@ struct Figure {
     topic: String,
     name: String,
     value: f64,
-    /// Of a figure that is the mean of random runs.
+    /// Standard error of a figure that is the mean of random runs.
     standard_error: Option<f64>,
     unit: String,
     at_least: Option<f64>,
     at_most: Option<f64>,
-    /// `reached` or `missed`; `open` for what is known to miss its aim; empty without any.
+    /// `reached` or `missed`; `open` if it is known to miss its aim; empty without any.
     state: &'static str,
-    /// Why it is known to miss its aim.
+    /// Reason why it is known to miss its aim.
     reason: &'static str,
 }
 
-/// What a figure is to be.
+/// Goal of a figure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Goal {
     AtMost(f64),
@@ -49,7 +49,7 @@ pub(crate) struct Estimate {
     pub(crate) standard_error: f64,
 }
 
-/// Where few runs decide, a goal is missed only by so many standard errors.
+/// Standard errors by which a goal is missed where few runs decide.
 const STANDARD_ERRORS: f64 = 4.0;
 
 impl Goal {
@@ -62,7 +62,7 @@ impl Goal {
         }
     }
 
-    /// Whether a value is as it is to be, within a slack. NaN never is.
+    /// Returns true if a value reaches the goal, within a slack. NaN never does.
     fn is_reached(&self, value: f64, slack: f64) -> bool {
         let [least, most] = self.limits();
         least.is_none_or(|least| value + slack >= least)
@@ -158,7 +158,7 @@ impl Sheet {
         Ok(writer.flush()?)
     }
 
-    /// How many goals were missed.
+    /// Number of goals that were missed.
     pub(crate) fn missed(&self) -> usize {
         { self.figures.iter() }
             .filter(|figure| figure.state == "missed")
@@ -166,8 +166,8 @@ impl Sheet {
     }
 }
 
-/// A file of the full data sets beside the repository, if it is there. In brief, what is everywhere
-/// has to do.
+/// A file of the full data sets beside the repository, if it is there. In brief, the subsets that are everywhere
+/// have to do.
 pub(crate) fn full_data(name: &str, is_brief: bool) -> Option<PathBuf> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
     let path: PathBuf = [root, name].iter().collect();

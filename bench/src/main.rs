@@ -1,7 +1,6 @@
-//! Computes the figures of `docs/accuracy.md`, next to what they are to reach, and fails if one of
-//! them misses its goal.
+//! Computes the figures of `docs/accuracy.md`, next to their goals, and fails if one of them misses its goal.
 //!
-//! A figure that is known to miss what is aimed at is no goal but an open one: the code says why.
+//! A figure that is known to miss its aim has no goal but an open one: the code says why.
 //! `--csv` writes all figures and goals for machines.
 //!
 //! The full recorded sets are read from `../shared/data` beside the repository where they are
@@ -28,7 +27,7 @@ use figure::Sheet;
 /// The figures of `docs/accuracy.md`, computed again.
 #[derive(Parser)]
 struct Arguments {
-    /// Which figures; all but the brief ones by default.
+    /// Topics of figures; all but the brief ones by default.
     #[arg(value_enum)]
     topics: Vec<Topic>,
     /// Figures and goals, one row each.

@@ -1,4 +1,4 @@
-//! What single precision costs: the same three sightings solved in `f32` and in `f64`.
+//! Cost of single precision: the same three sightings solved in `f32` and in `f64`.
 //!
 //! The difference is stated as the bearing noise that would do as much harm: distance between the
 //! two answers over the position's sigma per radian of bearing noise. That is comparable over all

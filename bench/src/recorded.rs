@@ -14,31 +14,31 @@ use nalgebra::{Matrix4, Point2, Vector2, Vector4};
 
 use crate::figure::{Goal, Sheet, full_data, quantile};
 
-/// Of one bearing, radians: what the goals were computed with.
+/// Sigma of one bearing, radians, with which the goals were computed.
 const BEARING_SIGMA: f64 = 0.0086;
 
-/// Of one bearing of the robot of MRCLAM 9: 1.4826 times the median absolute deviation from the
-/// truth. It errs more than the other robots.
+/// Sigma of one bearing of the robot of MRCLAM 9: 1.4826 times the median absolute deviation from the truth. It
+/// errs more than the other robots.
 const BEARING_SIGMA_9: f64 = 0.0119;
 
-/// Of a Roh beacon's place, metres. The near beacon is off by 2 to 5 degrees in bearing, the far
-/// ones by less than 1: as if places were wrong by a hand's breadth, and bearings hardly.
+/// Sigma of a Roh beacon's place, metres. The near beacon is off by 2 to 5 degrees in bearing, the far ones by
+/// less than 1: as if places were wrong by a hand's breadth, and bearings hardly.
 const ROH_TARGET_SIGMA: f64 = 0.2;
 
 /// The row of Betke 97 in the data's README, for the place (1.5, 1.5): metres, degrees.
 const BETKE_AT_FIRST_PLACE: (f64, f64) = (0.066, 0.66);
 
-/// Why MRCLAM 1 misses the aim of its heading.
+/// Reason why MRCLAM 1 misses the aim of its heading.
 const OTHER_CASES: &str = "the aim is of 2,000 random cases; all of them have a median of 0.388";
-/// Why MRCLAM 1 misses its aim under a limit.
+/// Reason why MRCLAM 1 misses its aim under a limit.
 const HALF_A_CENTIMETRE: &str = "published of 2,000 random cases as 0.232; of all it is 0.242: weak \
      geometry that errs by one or two sigmas, no second solutions";
-/// Why MRCLAM 9 does with the sigma of the other robots.
+/// Reason why MRCLAM 9 does with the sigma of the other robots.
 const TOLD_TOO_LITTLE: &str = "this robot errs by 0.0119 rad: the solver is told less, and trusts";
-/// Why the first place of Roh does.
+/// Reason why the first place of Roh does.
 const BETKE: &str = "published for the method of Betke, 1997";
 
-/// What a set is to reach: kept share in per cent and p99 of position in metres, per sigma limit.
+/// Goals of a set: kept share in per cent and p99 of position in metres, per sigma limit.
 struct Gate {
     bearing_sigma: f64,
     limit: Option<f64>,
@@ -237,7 +237,7 @@ impl Set {
         Ok(Self { recording, truths })
     }
 
-    /// The accuracy of what is kept under a limit of sigma, and the share that is.
+    /// The accuracy of the poses that are kept under a limit of sigma, and their share.
     fn solve(&self, max_sigma: Option<f64>) -> anyhow::Result<(Accuracy, f64)> {
         let mut solver = Solver::new(Settings {
             reject: None,

@@ -48,7 +48,7 @@ impl Blob {
     }
 }
 
-/// Where a camera of Table 4.1 really is.
+/// True place of a camera of Table 4.1.
 fn truth(node: usize) -> anyhow::Result<Place> {
     let thesis = Published::named("thesis-4.1", Some(1)).context("there is no Table 4.1")?;
     let node = u16::try_from(node)?;
@@ -164,8 +164,8 @@ fn read(path: &Path) -> anyhow::Result<Vec<Blob>> {
         .with_context(|| format!("cannot read {}", path.display()))
 }
 
-/// Every camera but the references, from its whole blobs: all, or at most so many. Those planned
-/// for it come first; one of them that was clipped is made up for by another that it saw.
+/// Every camera but the references, from its whole blobs: all, or at most so many. Those planned for it come
+/// first; if one of them was clipped, another blob that it saw takes its place.
 fn solve(blobs: &[Blob], camera: &Camera<f64>, most: Option<usize>) -> anyhow::Result<Vec<Errors>> {
     let mut whole: Vec<_> = blobs
         .iter()

@@ -23,7 +23,7 @@ struct Run {
     seed: u64,
     is: Tracking,
     causes: Causes,
-    /// While objects were tracked.
+    /// Airtime while objects were tracked.
     airtime: f64,
 }
 
@@ -170,7 +170,7 @@ fn figures(sheet: &mut Sheet, runs: &[Run]) {
     sum("ghosts, all seeds", |is| is.ghosts, 2.0);
 }
 
-/// Why it was not better.
+/// Reasons why it was not better.
 fn causes(sheet: &mut Sheet, runs: &[Run]) {
     let moments: usize = runs.iter().map(|run| run.causes.moments).sum();
     let mut lacks: BTreeMap<Lack, usize> = BTreeMap::new();

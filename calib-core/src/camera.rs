@@ -4,7 +4,7 @@ use core::fmt;
 
 use crate::{Ray, Real, numerics::real::lit};
 
-/// How a camera spreads directions over its columns.
+/// Spread of a camera's directions over its columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -34,7 +34,7 @@ pub struct Camera<T> {
     focal_length: T,
 }
 
-/// Why such a camera cannot exist.
+/// Reason why such a camera cannot exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -139,7 +139,7 @@ impl<T: Real> Camera<T> {
         self.last_column
     }
 
-    /// Whether the column lies between the centres of the first and the last one.
+    /// Returns true if the column lies between the centres of the first and the last one.
     pub fn has_column(&self, column: T) -> bool {
         column >= T::zero() && column <= self.last_column
     }
@@ -274,7 +274,7 @@ mod tests {
         }
     }
 
-    /// The rms of what rounding to a whole column does to the bearing, over every part of a column.
+    /// The rms error of the bearing by rounding to a whole column, over every part of a column.
     #[test]
     fn the_sigma_of_whole_pixels_is_that_of_rounding() {
         for projection in [Projection::PinHole, Projection::EqualAngle] {
@@ -298,7 +298,7 @@ mod tests {
         assert_eq!(Camera::pin_hole(1, 1.0), Err(CameraError::Columns));
         assert!(Camera::equal_angle(360, 2.0 * pi).is_ok());
         assert!(Camera::equal_angle(360, 6.3).is_err());
-        // What to correct.
+        // The text names the number to correct.
         for (error, words) in [
             (CameraError::Columns, "two columns"),
             (CameraError::FieldOfView, "field of view"),

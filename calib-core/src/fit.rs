@@ -10,7 +10,7 @@ use crate::{
     numerics::real::{lit, root},
 };
 
-/// How well measurements fit an answer.
+/// Agreement of measurements with an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -32,13 +32,13 @@ impl<T: Real> Default for Fit<T> {
 }
 
 impl<T: Real> Fit<T> {
-    /// Whether only one in a thousand fits would be as bad by chance: chi squared is above
+    /// Returns true if only one in a thousand fits would be as bad by chance: chi squared is above
     /// [`one_in_a_thousand`], or not a number.
     pub fn is_bad(&self) -> bool {
         !(self.chi_squared <= one_in_a_thousand(self.degrees_of_freedom))
     }
 
-    /// How well both sets of measurements fit together, as far as they are independent.
+    /// Agreement of both sets of measurements together, as far as they are independent.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -47,8 +47,8 @@ impl<T: Real> Fit<T> {
         }
     }
 
-    /// How many times larger than foretold the residuals are: about 1 if all is well. `None`
-    /// without a degree of freedom.
+    /// Ratio of the residuals to the predicted ones: about 1 if all is well. `None` without a degree of
+    /// freedom.
     pub fn ratio(&self) -> Option<T> {
         (self.degrees_of_freedom > 0)
             .then(|| root(self.chi_squared / whole(self.degrees_of_freedom)))
@@ -65,8 +65,8 @@ impl<T: Real> Fit<T> {
     }
 }
 
-/// The chi squared that only one in a thousand exceeds by chance, of so many degrees of freedom.
-/// Without one, what is measured always fits, so it must fit well: the limit is that of one degree.
+/// The chi squared that only one in a thousand exceeds by chance, for this number of degrees of freedom.
+/// Without one, measurements always fit, so they must fit well: the limit is that of one degree.
 ///
 /// After Wilson and Hilferty, "The distribution of chi-square", PNAS 17(12), 1931: the cube root of
 /// chi squared over its degrees of freedom is nearly normal. A term fitted to exact quantiles makes
@@ -141,7 +141,7 @@ mod tests {
         }
     }
 
-    /// Of an even number of degrees the share above a limit is a sum: that of a Poisson variable.
+    /// For an even number of degrees the share above a limit is a sum: that of a Poisson variable.
     #[test]
     fn one_in_a_thousand_is_above_it() {
         for half in 1..=20 {

@@ -12,9 +12,9 @@
 //! `g = (sin a / r, -cos a / r, -1)`, world bearing `a` and range `r`, that is
 //! `sigma^2 + g^T C g`. The covariance of the place is the inverse of the sum of
 //! `g_xy g_xy^T` over these variances. It holds while the rays meet at an angle that is large
-//! against their sigmas. A range `d`, told by the size of the target in the picture, counts with
-//! its own variance plus that of the camera's place along the ray. The poses count as independent of each other; those of cameras that were
-//! calibrated by one walk are not quite.
+//! against their sigmas. A range `d`, told by the size of the target in the picture, counts with its own
+//! variance plus that of the camera's place along the ray. The poses count as independent of each other;
+//! those of cameras that were calibrated by one walk are not quite.
 
 use nalgebra::{ComplexField, Matrix2, Point2, Vector2};
 
@@ -40,8 +40,7 @@ pub struct StationBearing<T: Real> {
     pub ray: Ray<T>,
     /// Standard deviation of that direction, radians, above zero.
     pub bearing_sigma: T,
-    /// How far away the target is, and the standard deviation of that, both above zero, if its size
-    /// tells (thesis 5.2).
+    /// Distance of the target and its standard deviation, both above zero, if its size tells it (thesis 5.2).
     pub range: Option<(T, T)>,
 }
 
@@ -56,7 +55,7 @@ pub struct Intersection<T: Real> {
     /// Sum of the squared residuals, each over its variance. About
     /// [`degrees_of_freedom`](Intersection::degrees_of_freedom) when poses and sigmas are right.
     pub chi_squared: T,
-    /// How many bearings and ranges it rests on: all that were given.
+    /// Number of bearings and ranges that it rests on: all that were given.
     pub used: usize,
 }
 
@@ -193,13 +192,13 @@ impl<T: Real> StationBearing<T> {
         mul(unit(self.pose.heading), ray / ray.norm())
     }
 
-    /// Where the target is by this alone.
+    /// Place of the target by this bearing and range alone.
     fn at_range(&self) -> Option<Point2<T>> {
         let (range, _) = self.range?;
         Some(self.pose.position + self.direction() * range)
     }
 
-    /// The range that is too much, its derivative by the target's place, and one over its variance,
+    /// The excess of the range, its derivative by the target's place, and one over its variance,
     /// that of the camera's place along the ray included.
     fn range_row(&self, to_target: Vector2<T>) -> Option<(T, Vector2<T>, T)> {
         let (range, sigma) = self.range?;

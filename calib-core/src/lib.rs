@@ -8,7 +8,7 @@
 //! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
 //! | [`joint`] | Where are all cameras, the target's places, and what does its carrier get wrong, from everything together? |
-//! | [`tracking`] | Where are objects that move, when nobody tells which one a camera saw? |
+//! | [`tracking`] | Where are objects that move, when a camera cannot tell which one it saw? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
 //! | [`fit`] | Do the measurements agree with the answer? |
 //!
@@ -22,15 +22,15 @@
 //!   the target is *left* of it, that is at a *smaller* pixel column than the principal point.
 //! - Lengths are in whatever unit the target's places are in.
 //! - Every sigma is one standard deviation.
-//! - What cannot be answered is [refused](Refusal) with a reason. No function returns NaN.
-//! - What a pose is worth is one word: its [`Status`].
+//! - An unanswerable question is [refused](Refusal) with a reason. No function returns NaN.
+//! - The worth of a pose is one word: its [`Status`].
 //!
 //! # Size
 //! A node has some 200 KB of flash, and a stack of 8 KB for everything. Where the compiler would copy
 //! a function into its callers, or their frames would add up, it is kept apart: `#[inline(never)]`
 //! "for less flash" or "for less stack" says which. Solvers work on slices of numbers ([`Method`] on up to
 //! six unknowns), so that a node has their code once instead of once for each number of unknowns;
-//! what is large is filled in place instead of moved.
+//! large values are filled in place instead of moved.
 //!
 //! # Example
 //! A camera of 88 columns and 60 degrees saw the target at three places.

@@ -38,7 +38,7 @@ pub struct Ellipse<T> {
     pub angle: T,
 }
 
-/// Why numbers are no [`Pose`].
+/// Reason why numbers are no [`Pose`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

@@ -1,8 +1,8 @@
-//! Why there is no answer.
+//! Reasons why there is no answer.
 
 use core::fmt;
 
-/// Why a pose cannot be told from these sightings, or a place from these bearings.
+/// Reason why a pose cannot be told from these sightings, or a place from these bearings.
 ///
 /// The texts say what to do about it; [`Refusal::name`] is for machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,4 +1,4 @@
-//! What a camera saw: a direction, and where the target says it stood.
+//! A camera's sighting: a direction, and the target's place as the target says.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
@@ -43,7 +43,7 @@ impl<T: Real> Ray<T> {
         self.left.atan2(self.forward)
     }
 
-    /// World bearing of what lies at `to_target` from the camera, minus that of the ray; wrapped by
+    /// World bearing of a point at `to_target` from the camera, minus that of the ray; wrapped by
     /// construction.
     #[inline]
     pub(crate) fn residual(self, heading: T, to_target: Vector2<T>) -> T {
@@ -51,7 +51,7 @@ impl<T: Real> Ray<T> {
         plane::cross(ray, to_target).atan2(plane::dot(ray, to_target))
     }
 
-    /// Whether it is finite and has a direction.
+    /// Returns true if it is finite and has a direction.
     pub(crate) fn is_usable(self) -> bool {
         let length = plane::taxicab(self.vector());
         length.is_finite() && length > T::zero()
@@ -68,7 +68,7 @@ impl<T: Real> Ray<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sighting<T: Real> {
-    /// Where the target stood, in the world.
+    /// Place of the target, in the world.
     pub target: Point2<T>,
     /// The direction in which the camera saw it.
     pub ray: Ray<T>,
@@ -103,7 +103,7 @@ impl<T: Real> Sighting<T> {
         }
     }
 
-    /// Whether every number is usable: finite, the ray not zero, the sigma above zero.
+    /// Returns true if every number is usable: finite, the ray not zero, the sigma above zero.
     pub fn is_usable(&self) -> bool {
         let all =
             plane::taxicab(self.target.coords) + self.bearing_sigma + self.target_covariance.sum();

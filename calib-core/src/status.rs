@@ -1,10 +1,10 @@
-//! How far a camera is: one word for it, everywhere.
+//! Status of a camera: one word, everywhere.
 
 use core::fmt;
 
 use crate::{Pose, Real, Refusal, fit::Fit};
 
-/// How far a camera is. Only [`Status::Calibrated`] counts as calibrated, anywhere.
+/// Status of a camera. Only [`Status::Calibrated`] counts as calibrated, anywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -26,7 +26,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// Of a pose and how well its sightings fit it.
+    /// Status of a pose and of the fit of its sightings.
     pub fn of<T: Real>(pose: &Pose<T>, fit: &Fit<T>, limits: &Limits<T>) -> Self {
         if fit.is_bad() {
             Self::Doubtful
@@ -77,7 +77,7 @@ pub struct Limits<T> {
 }
 
 impl<T: Real> Limits<T> {
-    /// Whether a pose is as certain as that.
+    /// Returns true if a pose is as certain as that.
     pub fn allow(&self, pose: &Pose<T>) -> bool {
         pose.sigma_position() <= self.position && pose.sigma_heading() <= self.heading
     }

@@ -1,4 +1,4 @@
-//! Which cameras saw enough once the last fault was over.
+//! Cameras that saw enough once the last fault was over.
 
 use std::collections::BTreeSet;
 
@@ -10,8 +10,8 @@ use site::{
     world::World,
 };
 
-/// A camera that has this much of the information of a pose within its limits is to be calibrated:
-/// the bound is what the best pose could reach, with a carrier that errs nowhere.
+/// A camera is to be calibrated if the bound of its sigmas is below this share of their limits. The best pose
+/// could reach that bound, with a carrier that errs nowhere.
 const SHARE_OF_LIMIT: f64 = 0.4;
 
 /// A pose needs so many places.
@@ -23,10 +23,10 @@ const NOTICED_AFTER: usize = 3;
 /// Places nearer to each other than this are one, units.
 const APART: f64 = 0.3;
 
-/// What is so near to the border of the picture is not counted on, columns.
+/// A target so near to the border of the picture is not counted on, columns.
 const BORDER_COLUMNS: f64 = 4.0;
 
-/// The node of which a power cut, a plug or a picture is never put right.
+/// The node, if it never recovers from a power cut, a plug or a picture.
 fn broken_for_good(event: &ScriptedEvent, end_s: f64) -> Option<u16> {
     let over = event.at_s + event.action.duration_s()?;
     let (Action::PowerCut { node, .. }
@@ -38,11 +38,11 @@ fn broken_for_good(event: &ScriptedEvent, end_s: f64) -> Option<u16> {
     (over >= end_s).then_some(node)
 }
 
-/// When the last thing that went wrong was over, seconds; of nodes that stay broken, when they broke.
+/// Time when the last fault was over, seconds; of nodes that stay broken, when they broke.
 fn last_fault_s(scenario: &Scenario, end_s: f64) -> f64 {
     let over = scenario.events.iter().map(|event| {
         let lasts = match (&event.action, event.action.duration_s()) {
-            // What was heard in that time comes again with its pauses.
+            // Frames heard in that time come again with their pauses.
             (Action::Replay { last_s, .. }, _) => *last_s,
             (_, Some(for_s)) if event.at_s + for_s < end_s => for_s,
             _ => 0.0,
@@ -52,7 +52,7 @@ fn last_fault_s(scenario: &Scenario, end_s: f64) -> f64 {
     over.fold(0.0, f64::max)
 }
 
-/// The world as it is in the end, with all cameras where they were bumped to.
+/// The world as it is in the end, with all cameras at their places after bumps.
 fn world(scenario: &Scenario) -> Option<(World, Vec<u16>)> {
     let site = scenario.put_up().ok()?;
     let mut world = site.world;
@@ -73,7 +73,7 @@ fn world(scenario: &Scenario) -> Option<(World, Vec<u16>)> {
     Some((world, cameras))
 }
 
-/// Cameras that were moved or turned, and since then saw the target too seldom for anybody to notice.
+/// Cameras that were moved or turned, and since then saw the target too seldom for it to be noticed.
 pub fn bumped_unseen(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
     let Some(((world, ids), told)) = world(scenario).zip(record.in_building()) else {
         return BTreeSet::new();
@@ -130,7 +130,7 @@ pub fn well_served(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
     served.map(|(_, id)| id).collect()
 }
 
-/// Whether a camera sees all of a target there, and not at the border of its picture, beyond which the
+/// Returns true if a camera sees all of a target there, and not at the border of its picture, beyond which the
 /// blob may go on.
 fn is_in_view(world: &World, index: usize, radius: f64, stop: Point2<f64>) -> bool {
     let half_view = world.cameras()[index].lens.bearing(BORDER_COLUMNS).abs();

@@ -1,4 +1,4 @@
-//! What must hold of a run, and whether it does.
+//! Conditions that must hold of a run, and the check of them.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -13,42 +13,42 @@ pub const SIGMAS: f64 = 5.0;
 /// See [`SIGMAS`].
 pub const UNITS: f64 = 0.5;
 
-/// What does not hold.
+/// Condition that does not hold.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Failure {
     /// A pose that is told as checked errs by more than its protection level, in the unit of the site.
     Unprotected {
-        /// Which camera's.
+        /// The camera.
         camera: u16,
-        /// By how much it errs.
+        /// Its error.
         error: f64,
-        /// By how much it may.
+        /// Its protection level.
         level: f64,
     },
     /// A pose that is told as good errs by more than five sigmas, and by more than half a unit.
     /// A camera that was moved and since then hardly saw a target is none of these.
     Deceives {
-        /// Which camera's.
+        /// The camera.
         camera: u16,
-        /// By how much, in the unit of the site.
+        /// Its error, in the unit of the site.
         error: f64,
         /// The same in sigmas of the direction in which it errs.
         sigmas: f64,
     },
     /// A camera that saw enough after the last fault is not calibrated.
     Late {
-        /// Which.
+        /// The camera.
         camera: u16,
-        /// How far it is.
+        /// Its status.
         status: Status,
-        /// Why it has no pose.
+        /// Reason why it has no pose.
         reason: Option<Refusal>,
     },
     /// A node's firmware gave up.
     Stopped {
-        /// Which.
+        /// The node.
         node: u16,
-        /// Why.
+        /// Reason.
         why: String,
     },
     /// A panic.
@@ -146,10 +146,10 @@ impl fmt::Display for Failure {
     }
 }
 
-/// What there is to say of one camera.
+/// Facts about one camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraResult {
-    /// How far it says that it is.
+    /// Status that it tells.
     pub status: Status,
     /// Distance of its pose from the truth, unless its place was given.
     pub error: Option<f64>,
@@ -162,17 +162,17 @@ pub struct CameraResult {
     pub saw_enough: bool,
 }
 
-/// What became of a run.
+/// Judgement of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Judgement {
-    /// What does not hold.
+    /// Conditions that do not hold.
     pub failures: Vec<Failure>,
     /// Its cameras; none if it did not end.
     pub cameras: Vec<CameraResult>,
 }
 
 impl Judgement {
-    /// Whether it fails as another one did: in the same way, and with a camera that is late for the same
+    /// Returns true if it fails as another one did: in the same way, and with a camera that is late for the same
     /// reason.
     pub fn fails_as(&self, other: &Failure) -> bool {
         self.failures.iter().any(|own| match (own, other) {
@@ -188,14 +188,14 @@ impl Judgement {
         })
     }
 
-    /// Whether something of this kind does not hold.
+    /// Returns true if there is a failure of this kind.
     pub fn has(&self, kind: Kind) -> bool {
         self.failures.iter().any(|failure| failure.kind() == kind)
     }
 }
 
-/// Distance of a camera's pose from the truth, and the same in predicted sigmas of that direction.
-/// What was given has no sigma, so that any error of it is beyond all of them.
+/// Distance of a camera's pose from the truth, and the same in predicted sigmas of that direction. A given place
+/// has no sigma, so that any error of it is beyond all of them.
 pub fn position_error(camera: &Node) -> Option<(f64, f64)> {
     let (estimate, error) = (camera.estimate?, camera.error?);
     let distance = error.x.hypot(error.y);
@@ -212,7 +212,7 @@ pub fn position_error(camera: &Node) -> Option<(f64, f64)> {
     Some((distance, sigmas))
 }
 
-/// A pose that is told as good, and errs by more than five sigmas and half a unit: by how much.
+/// The error of a pose that is told as good, if it is more than five sigmas and half a unit.
 pub fn deceives(camera: &Node) -> Option<Failure> {
     let (error, sigmas) = position_error(camera).filter(|_| camera.is_calibrated())?;
     (error > UNITS && sigmas > SIGMAS).then_some(Failure::Deceives {
@@ -233,7 +233,7 @@ fn unprotected(camera: &Node, level: Option<&f64>) -> Option<Failure> {
     })
 }
 
-/// Holds what became of a scenario against what must hold.
+/// Compares the outcome of a scenario with the conditions that must hold.
 pub fn judge(scenario: &Scenario, outcome: &Outcome) -> Judgement {
     match outcome {
         Outcome::Panicked(message) => of_failure(Failure::Panicked(message.clone())),
@@ -267,7 +267,7 @@ fn of_record(
     for camera in record.cameras() {
         let status = camera.status.unwrap_or(Status::Waiting);
         let saw_enough = served.contains(&camera.id);
-        // Of a camera that was just moved nobody can know.
+        // The pose of a camera that was just moved cannot be known.
         if !unseen.contains(&camera.id) {
             judgement
                 .failures
@@ -335,7 +335,7 @@ mod tests {
             // Within its sigmas, or nothing that hurts.
             (0.6, 0.13, Status::Calibrated, false),
             (0.4, 0.01, Status::Calibrated, false),
-            // A reference that somebody moved: its place was given.
+            // A reference that was moved: its place was given.
             (0.6, 0.0, Status::Calibrated, true),
         ] {
             let told = deceives(&camera(error, sigma, status));

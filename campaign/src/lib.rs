@@ -1,4 +1,4 @@
-//! Random sites on which things go wrong, run in simulation, and what must hold of each.
+//! Random sites on which things go wrong, run in simulation, and the conditions that must hold of each.
 //!
 //! A run has a number. With the seed of the campaign that number alone makes its site: cameras, ways,
 //! carriers and faults. It is a [`Scenario`](site::Scenario) like any other, which `host-sim run`
@@ -8,9 +8,9 @@
 //! | module | job |
 //! |---|---|
 //! | [`scenario`] | Draws the scenario of a run |
-//! | [`runs`] | Runs scenarios side by side, whatever becomes of them |
-//! | [`judgement`] | What must hold, and whether it does |
-//! | [`calm`] | Which cameras saw enough once the last fault was over |
+//! | [`runs`] | Runs scenarios side by side, to any outcome |
+//! | [`judgement`] | Conditions that must hold, and the check of them |
+//! | [`calm`] | Cameras that saw enough once the last fault was over |
 //! | [`minimal`] | Leaves out of a scenario what its failure does not need |
 //! | [`tally`] | Counts over all runs |
 

@@ -31,7 +31,7 @@ const MANY: usize = 11;
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask campaign")]
 struct Arguments {
-    /// How many
+    /// Number of runs
     #[arg(long, default_value_t = 10_000)]
     runs: u64,
     /// The number of the first one
@@ -40,14 +40,14 @@ struct Arguments {
     /// The seed of them all
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How many at a time; as many as there are processors by default
+    /// Runs at a time; as many as there are processors by default
     #[arg(long)]
     jobs: Option<NonZeroUsize>,
     /// Runs this one alone, and writes its scenario: `host-sim run` repeats it from the file
     #[arg(long, value_name = "K", conflicts_with_all = ["runs", "first"])]
     only: Option<u64>,
-    /// How many failing runs of each kind are made as small as they can be; the files of more than ten
-    /// are not shown
+    /// Number of failing runs of each kind that are made as small as they can be; the files of more than ten are
+    /// not shown
     #[arg(long, default_value_t = 1)]
     minimise: usize,
     /// Share of the poses told as good that may err by more than 5 sigma and 0.5 units
@@ -126,7 +126,7 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .jobs
         .or_else(|| thread::available_parallelism().ok());
     let numbers = arguments.first..arguments.first + arguments.runs;
-    // Only where somebody looks: `indicatif` hides it otherwise.
+    // Only on a terminal: `indicatif` hides it otherwise.
     let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {eta} left, {msg}")?;
     let bar = ProgressBar::new(arguments.runs).with_style(style);
     let (mut tally, mut impossible) = (Tally::default(), None);

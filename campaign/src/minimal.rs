@@ -1,4 +1,4 @@
-//! Leaves out of a scenario what its failure does not need.
+//! Leaves out of a scenario the parts that its failure does not need.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use crate::{
     scenario::text,
 };
 
-/// One thing less: what is left of the scenario, if there was such a thing.
+/// One thing less: the rest of the scenario, if there was such a thing.
 type Cut = Arc<dyn Fn(&Scenario) -> Option<Scenario>>;
 
 fn cut(of: impl Fn(&mut Scenario) -> Option<()> + 'static) -> Cut {
@@ -29,7 +29,7 @@ fn usual(of: impl Fn(&mut Scenario) + 'static) -> Cut {
     })
 }
 
-/// What a camera is not needed for: it is no reference and no event names it.
+/// Leaves out a camera that is no reference and that no event names.
 fn without_camera(scenario: &mut Scenario, place: usize) -> Option<()> {
     let network = scenario.networks.first_mut()?;
     let id = network.cameras.get(place)?.id;
@@ -113,10 +113,10 @@ fn cuts(scenario: &Scenario) -> Vec<Cut> {
     cuts
 }
 
-/// The scenario with as little as shows a failure of this kind, and what it fails by: nothing more can
-/// be left out alone. A scenario that does not fail so stays as it is.
+/// The scenario with as little as shows a failure of this kind, and that failure: nothing more can be left out
+/// alone. A scenario that does not fail so stays as it is.
 ///
-/// Stops stay: a fault that nobody could notice, as nothing was seen after it, would be another one.
+/// Stops stay: a fault that cannot be noticed, as nothing was seen after it, would be another one.
 pub fn minimal(scenario: &Scenario, kind: Kind) -> (Scenario, Judgement) {
     let judged = |scenario: &Scenario| Some(judge(scenario, &runs::run(scenario).ok()?));
     let mut least = scenario.clone();

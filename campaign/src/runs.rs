@@ -1,4 +1,4 @@
-//! Runs scenarios, whatever becomes of them.
+//! Runs scenarios, to any outcome.
 
 use std::{
     any::Any,
@@ -19,21 +19,20 @@ use host_sim::network::{Options, Simulation};
 use node_firmware::config::TargetConfig;
 use site::{Scenario, ScenarioError};
 
-/// No run takes the computer longer than this, however busy it is.
+/// Limit of a run's time on a computer, even a busy one.
 const WALL_LIMIT: Duration = Duration::from_secs(300);
 
 /// Setting up and saying the last things, seconds.
 const SLACK_S: f64 = 240.0;
 
-/// What became of a run.
+/// Outcome of a run.
 #[derive(Debug)]
 pub enum Outcome {
     /// It came to its end.
     Ended {
-        /// What came of it.
+        /// Its record.
         record: Box<RunRecord>,
-        /// How far the positions of cameras may be off that are told as checked, in the unit of the
-        /// site.
+        /// Limits for the errors of the positions of cameras that are told as checked, in the unit of the site.
         protection: BTreeMap<u16, f64>,
     },
     /// Something panicked, with this message.
@@ -42,8 +41,8 @@ pub enum Outcome {
     Hung(f64),
 }
 
-/// By when a run is over, seconds, were every stop as long as a target waits at most, and everything
-/// that lasts one after the other.
+/// Time by which a run is over, seconds, were every stop as long as a target waits at most, and all events that
+/// last one after the other.
 ///
 /// # Errors
 /// The scenario is not possible.
@@ -58,7 +57,7 @@ pub fn limit_s(scenario: &Scenario) -> Result<f64, ScenarioError> {
         let way: f64 = legs.map(|leg| (leg[1] - leg[0]).norm()).sum();
         way / scenario.walk.speed + target.stops.len() as f64 * (dwell_s + 10.0)
     });
-    // What lasts for ever delays nobody for ever.
+    // An event that lasts for ever does not delay the nodes for ever.
     let outages = scenario
         .events
         .iter()

@@ -22,7 +22,7 @@ pub struct Tally {
     saw_enough: usize,
     /// Runs, and failures in all, of each kind.
     failing: BTreeMap<Kind, (Vec<u64>, usize)>,
-    /// Of cameras that saw enough and are not calibrated: what they are.
+    /// Statuses of the cameras that saw enough and are not calibrated.
     late: BTreeMap<String, usize>,
     /// Errors of the poses that are told as good, where the place was not given.
     errors: Vec<f64>,
@@ -84,7 +84,7 @@ impl Tally {
         self.count(Kind::Deceives) as f64 / self.calibrated.max(1) as f64
     }
 
-    /// Of the cameras that saw enough after the last fault, the share that is not calibrated.
+    /// The share of the cameras that saw enough after the last fault and are not calibrated.
     pub fn late(&self) -> f64 {
         self.count(Kind::Late) as f64 / self.saw_enough.max(1) as f64
     }

@@ -1,4 +1,4 @@
-//! Why an argument cannot be sent.
+//! Reasons why an argument cannot be sent.
 
 use core::fmt;
 

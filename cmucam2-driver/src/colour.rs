@@ -72,7 +72,7 @@ impl LevelRange {
     };
 
     /// # Errors
-    /// `min` above `max`: cameras accept that, and what they track then is not known.
+    /// `min` above `max`: cameras accept that, and then track pixels that are not known.
     pub const fn new(min: u8, max: u8) -> Result<Self, ArgumentError> {
         if min > max {
             return Err(ArgumentError::BoundsOrder);
@@ -157,7 +157,7 @@ impl ColourBounds {
         ]
     }
 
-    /// Whether a pixel of this colour counts.
+    /// Returns true if a pixel of this colour counts.
     pub const fn contains(self, colour: Colour) -> bool {
         self.red.min <= colour.red
             && colour.red <= self.red.max

@@ -1,4 +1,4 @@
-//! What the features name, as constants: code that they exclude is checked, but not linked.
+//! The features as constants: code that they exclude is checked, but not linked.
 
-/// Whether all that a camera can send is understood, or only what tracking needs.
+/// True if all that a camera can send is understood, false if only the part that tracking needs is.
 pub(crate) const FULL: bool = cfg!(feature = "full");

@@ -45,7 +45,8 @@ impl Size {
     }
 }
 
-/// Every how many columns and rows one counts. Tracking and frames then count in these units.
+/// Distance between two columns that count, and between two rows. Tracking and frames then count in these
+/// units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DownSampling {
@@ -66,17 +67,17 @@ impl DownSampling {
         Ok(Self { x, y })
     }
 
-    /// Every how many columns.
+    /// Distance between two columns that count.
     pub const fn x(self) -> u8 {
         self.x
     }
 
-    /// Every how many rows.
+    /// Distance between two rows that count.
     pub const fn y(self) -> u8 {
         self.y
     }
 
-    /// What remains of a frame, rounded up.
+    /// The rest of a frame, rounded up.
     pub const fn apply(self, size: Size) -> Size {
         Size {
             width: divide_up(size.width, self.x),
@@ -95,7 +96,7 @@ const fn divide_up(length: u8, factor: u8) -> u8 {
 
 /// The part of the frame that is processed: two corners, both inside.
 ///
-/// A window that reaches beyond the frame is the camera's to cut; its size depends on sensor,
+/// The camera cuts a window that reaches beyond the frame; the size of the frame depends on sensor,
 /// resolution and down-sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -2,9 +2,9 @@
 //!
 //! Three layers, each useful alone:
 //!
-//! | layer | modules | what it knows |
+//! | layer | modules | job |
 //! |---|---|---|
-//! | words | [`command`], [`packet`], [`colour`], [`geometry`], [`register`], [`servo`] | commands and packets as types, encoded and decoded in both directions; they refuse what the wire would take and no camera has a meaning for |
+//! | words | [`command`], [`packet`], [`colour`], [`geometry`], [`register`], [`servo`] | commands and packets as types, encoded and decoded in both directions; they refuse values that the wire would take and no camera has a meaning for |
 //! | bytes | [`parser`] | one byte at a time to events; resynchronises after garbage and counts what it dropped |
 //! | dialogue | [`session`], [`device`] | time-outs, retries, stopping a stream, modes that survive a restart of the camera |
 //!
@@ -14,8 +14,7 @@
 //! until it is driven: [`run`](device::Call::run)`().await` over `embedded-io-async`, or
 //! [`wait`](device::Call::wait)`()` over `embedded-io`. Both drive the same state machine.
 //!
-//! What the public sources of the protocol leave open is listed, and decided, in one place:
-//! [`uncertain`].
+//! One place lists and decides the points that the public sources of the protocol leave open: [`uncertain`].
 //!
 //! # Example
 //! On a board, `uart` and `delay` come from its HAL. The camera adapts to the light for five
@@ -39,9 +38,9 @@
 //! }
 //! # }
 //! ```
-//! With an async HAL the same calls end in `.run().await?`. What these dialogues do not cover is one
-//! [`Command`]: [`set`](Cmucam2::set) for a mode, [`command`](Cmucam2::command) for what is answered,
-//! [`stream`](Cmucam2::stream) for what goes on.
+//! With an async HAL the same calls end in `.run().await?`. Other requests are one [`Command`]:
+//! [`set`](Cmucam2::set) for a mode, [`command`](Cmucam2::command) for one with an answer,
+//! [`stream`](Cmucam2::stream) for one that goes on.
 //!
 //! Whole programs, which only the boards' targets can build: with Embassy's buffered UART on an nRF52840
 //! (`boards/nrf52840/examples/cmucam2.rs`, 20 kB), and with a blocking UART of which one byte is peeked,
@@ -58,15 +57,15 @@
 //! Track over several packets before you trust one.
 //!
 //! # Features
-//! `defmt` and `log` report restarts, retries and restored modes; `defmt` also formats the public
-//! types. Without them the crate is silent. `full` is on by default: frames, line modes, raw output,
-//! histograms, masked packets, servo positions, uploads, learning from a mean. Without it only what
-//! tracking needs is understood, and the commands for the rest must not be sent. `embedded-hal-nb` adds
+//! `defmt` and `log` report restarts, retries and restored modes; `defmt` also formats the public types.
+//! Without them the crate is silent. `full` is on by default: frames, line modes, raw output, histograms,
+//! masked packets, servo positions, uploads, learning from a mean. Without it the driver understands only the
+//! answers that tracking needs, and the commands for the rest must not be sent. `embedded-hal-nb` adds
 //! `serial::Peek`, for blocking UARTs that give one byte or none.
 //!
 //! # Size
-//! Only the commands that an image sends are in it: an [`Order`](command::Order) is made of a
-//! [`Command`] where that is known, inlined there, and the dialogue sees nothing but the order.
+//! Only the commands that an image sends are in it: an [`Order`](command::Order) is made of a [`Command`]
+//! where that is known, inlined there, and the dialogue sees only the order.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

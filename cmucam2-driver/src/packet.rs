@@ -1,5 +1,4 @@
-//! What the camera sends, as types: decoded with checks by the [`parser`](crate::parser), encoded
-//! here.
+//! The camera's packets as types: decoded with checks by the [`parser`](crate::parser), encoded here.
 
 use core::fmt;
 
@@ -18,7 +17,7 @@ pub const BINS_MAX: usize = 28;
 /// `H` with all its bins: letter, 28 times a space and three digits, carriage return.
 const LINE_MAX: usize = 1 + 4 * BINS_MAX + 1;
 
-/// What a stream of packets is about. It decides what its numbers may be.
+/// Kind of a stream of packets. It decides the possible values of its numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PacketKind {
@@ -36,7 +35,7 @@ pub enum PacketKind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Packet {
-    /// `T`: where the target is.
+    /// `T`: the place of the target.
     Tracking(Tracking),
     /// `S`: the mean colour and its deviation.
     Statistics(Statistics),
@@ -45,7 +44,7 @@ pub enum Packet {
     Histogram(Histogram),
 }
 
-/// Why the numbers of a packet cannot be what the camera meant.
+/// Reason why the numbers of a packet cannot be what the camera meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -73,7 +72,7 @@ impl fmt::Display for PacketError {
 
 impl core::error::Error for PacketError {}
 
-/// Which fields a T packet carries.
+/// Fields that a T packet carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TrackingFields {
@@ -86,14 +85,14 @@ pub struct TrackingFields {
 }
 
 impl TrackingFields {
-    /// All eight, no servo positions: what a camera sends after a reset.
+    /// All eight, no servo positions: the fields after a reset of the camera.
     pub const ALL: Self = Self {
         mask: 0xFF,
         pan: false,
         tilt: false,
     };
 
-    /// The masked fields and what the servo mask adds.
+    /// The masked fields and those that the servo mask adds.
     pub const fn new(mask: u8, servos: ServoMask) -> Self {
         Self {
             mask,
@@ -102,7 +101,7 @@ impl TrackingFields {
         }
     }
 
-    /// How many numbers follow the letter.
+    /// Number of numbers behind the letter.
     pub const fn count(self) -> u8 {
         self.mask.count_ones() as u8 + self.pan as u8 + self.tilt as u8
     }
@@ -129,7 +128,7 @@ impl BoundingBox {
     }
 }
 
-/// A T packet: where the target is. Coordinates are pixels after down-sampling, or blocks of the
+/// A T packet: the place of the target. Coordinates are pixels after down-sampling, or blocks of the
 /// frame-difference grid, from the upper left corner.
 ///
 /// Fields that the output mask leaves out are `None`. When nothing is tracked every field of the
@@ -241,7 +240,7 @@ impl Tracking {
         self.values.get(usize::from(bit)).copied()
     }
 
-    /// Whether the camera says that it tracks nothing: every field of the target is zero.
+    /// Returns true if the camera says that it tracks nothing: every field of the target is zero.
     ///
     /// A target of fewer than four pixels may have a pixel count of zero, but not its coordinates.
     pub fn is_lost(&self) -> bool {
@@ -256,7 +255,7 @@ impl Tracking {
         Some((self.field(0)?, self.field(1)?))
     }
 
-    /// The box around everything that is tracked. `None` when lost or not sent.
+    /// The box around all tracked pixels. `None` when lost or not sent.
     pub fn bounding_box(&self) -> Option<BoundingBox> {
         if self.is_lost() {
             return None;
@@ -289,9 +288,9 @@ impl Tracking {
         self.tilt
     }
 
-    /// Whether pixels and confidence can both come from one count of pixels in this box, by the
+    /// Returns true if pixels and confidence can both come from one count of pixels in this box, by the
     /// formulas of [`Tracking::pixels`] and [`Tracking::confidence`], give or take a rounding.
-    /// True where a field is missing.
+    /// Also true where a field is missing.
     pub fn is_consistent(&self) -> bool {
         let (Some(area), Some(pixels), Some(confidence)) = (
             self.bounding_box().map(BoundingBox::area),
@@ -395,7 +394,7 @@ impl Statistics {
     }
 }
 
-/// An H packet: how many pixels have a level in each bin, scaled.
+/// An H packet: the number of pixels with a level in each bin, scaled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Histogram {
@@ -456,7 +455,7 @@ impl Packet {
         PacketLine(line)
     }
 
-    /// Whether a stream of this kind carries such a packet.
+    /// Returns true if a stream of this kind carries such a packet.
     pub fn is_of(&self, kind: PacketKind) -> bool {
         match self {
             Self::Tracking(_) => matches!(kind, PacketKind::Tracking | PacketKind::Difference),
@@ -485,8 +484,8 @@ impl Packet {
     }
 }
 
-/// What the banner says: `CMUcam2 v1.00 c6`. Banners of kindred firmware, `CMUcam2+ v1.00 c6`, `CMUcam2
-/// v2.0+ c6` and `CMUcam3 v1.0`, are taken as well; what sets them apart is not kept.
+/// Contents of the banner: `CMUcam2 v1.00 c6`. Banners of kindred firmware, `CMUcam2+ v1.00 c6`,
+/// `CMUcam2 v2.0+ c6` and `CMUcam3 v1.0`, are taken as well; their differences are not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FirmwareVersion {
@@ -520,7 +519,7 @@ impl FirmwareVersion {
     }
 }
 
-/// How every banner begins.
+/// Beginning of every banner.
 pub(crate) const BANNER: &[u8; 9] = b"CMUcam2 v";
 
 /// A banner as it goes over the line.

@@ -57,7 +57,7 @@ impl Register {
     }
 }
 
-/// What the three channels of a pixel mean.
+/// Meaning of the three channels of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ColourMode {
@@ -142,7 +142,7 @@ impl Registers {
         Ok(())
     }
 
-    /// Whether there is none, which resets all registers to their defaults.
+    /// Returns true if there is none, which resets all registers to their defaults.
     pub const fn is_empty(&self) -> bool {
         self.len == 0
     }

@@ -12,9 +12,9 @@ use embedded_hal_nb::{
 
 /// A UART of `embedded-hal-nb` with the traits of `embedded-io`.
 ///
-/// Without a receive buffer of its own: what the UART holds must last from one look to the next, so
-/// keep [`poll_us`](crate::session::Policy::poll_us) below the time of a character (87 us at 115,200
-/// baud), and use [poll mode](crate::Command::PollMode), so that nothing comes between two calls.
+/// Without a receive buffer of its own: the bytes that the UART holds must last from one look to the next. So
+/// keep [`poll_us`](crate::session::Policy::poll_us) below the time of a character (87 us at 115,200 baud),
+/// and use [poll mode](crate::Command::PollMode), so that nothing comes between two calls.
 #[derive(Debug)]
 pub struct Peek<S> {
     serial: S,
@@ -22,7 +22,7 @@ pub struct Peek<S> {
 }
 
 impl<S> Peek<S> {
-    /// Of a UART with 8 data bits, no parity and one stop bit.
+    /// A peek over a UART with 8 data bits, no parity and one stop bit.
     pub fn new(serial: S) -> Self {
         Self { serial, byte: None }
     }

@@ -2,7 +2,7 @@
 
 use crate::argument::ArgumentError;
 
-/// How many servo outputs there are.
+/// Number of servo outputs.
 pub const SERVOS: u8 = 5;
 
 /// A servo output, 0 to 4. Pan is 0, tilt is 1.
@@ -55,7 +55,7 @@ impl ServoPosition {
     }
 }
 
-/// What the camera does with pan and tilt while it tracks (`SM`).
+/// Control and reports of pan and tilt by the camera while it tracks (`SM`).
 ///
 /// The bits are those of CMU's CMUcam2-compatible program for the CMUcam3: 1 and 2 control,
 /// 4 and 8 report.
@@ -93,29 +93,29 @@ impl ServoMask {
         self.0
     }
 
-    /// Whether the camera turns the pan servo towards the target by itself.
+    /// Returns true if the camera turns the pan servo towards the target by itself.
     pub const fn controls_pan(self) -> bool {
         self.0 & 1 != 0
     }
 
-    /// Whether the camera turns the tilt servo towards the target by itself.
+    /// Returns true if the camera turns the tilt servo towards the target by itself.
     pub const fn controls_tilt(self) -> bool {
         self.0 & 2 != 0
     }
 
-    /// Whether colour-tracking packets end with the pan position.
+    /// Returns true if colour-tracking packets end with the pan position.
     pub const fn reports_pan(self) -> bool {
         self.0 & 4 != 0
     }
 
-    /// Whether colour-tracking packets end with the tilt position.
+    /// Returns true if colour-tracking packets end with the tilt position.
     pub const fn reports_tilt(self) -> bool {
         self.0 & 8 != 0
     }
 }
 
-/// How the camera follows the target along one axis: beyond `far` pixels from the middle it moves
-/// by `step`, beyond `near` by half of that.
+/// Movement of the camera after the target along one axis: beyond `far` pixels from the middle it moves by
+/// `step`, beyond `near` by half of that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ServoAxis {

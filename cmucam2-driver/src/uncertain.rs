@@ -1,16 +1,15 @@
-//! What the public sources of the protocol leave open, and what this driver makes of it.
+//! Points that the public sources of the protocol leave open, and the decisions of this driver.
 //!
-//! The original user guide could not be consulted. Every point on which drivers, forum quotations
-//! and CMU's CMUcam2-compatible program for the CMUcam3 are silent or disagree is listed here;
-//! those that can be decided by a function are decided by one of this module. All variants are
-//! accepted, and each has a test.
+//! The original user guide could not be consulted. This table lists every point on which drivers, forum
+//! quotations and CMU's CMUcam2-compatible program for the CMUcam3 are silent or disagree. A function of this
+//! module decides the points that can be decided by one. All variants are accepted, and each has a test.
 //!
 //! | open | accepted |
 //! |---|---|
 //! | whether a space follows ACK, NCK and the last number of a line, and a line feed the carriage return | both |
 //! | whether `RS` sends a blank line before the banner | both; blank lines mean nothing |
 //! | whether `GV` sends a carriage return before the prompt | both; a banner is complete with its module number |
-//! | which sensor `c6` and `c7` name | [`sensor_of_module`] |
+//! | the sensors that `c6` and `c7` name | [`sensor_of_module`] |
 //! | the order of the six numbers of `GT` | [`bounds_from_reply`] |
 //! | whether coordinates begin at 0 or 1, and whether they are relative to the window | both, see [`last_coordinate`] |
 //! | whether a separator 02 leads the first row of a frame, and whether one precedes its end | any; rows are counted |
@@ -22,7 +21,7 @@
 //! | whether the prompt follows `ACK` before sleep | both |
 //! | whether `UD` answers `ACK` before or after its 64 bytes | both |
 //! | the number of histogram bins that `HC` selects | 1 to 28 once it was sent, 28 before |
-//! | whether `LM 1` says after `FE` how many rows follow | both, see [`means_are_counted`]; a first image may be lost |
+//! | whether `LM 1` tells the row count after `FE` | both, see [`means_are_counted`]; a first image may be lost |
 //! | raw S packets, H packets and values | as raw T packets: 255, letter and bytes; for values no letter |
 
 use crate::{
@@ -40,8 +39,8 @@ pub const fn sensor_of_module(module: u8) -> Option<Sensor> {
     }
 }
 
-/// Whether the first byte of the means of rows is their number, and not a level. `known`: what the
-/// image before has shown by its length. Before that, the height of the frame is taken for itself.
+/// Returns true if the first byte of the means of rows is their number, and not a level. `known`: as shown by
+/// the length of the image before. Before that, the height of the frame is taken for itself.
 pub const fn means_are_counted(first: u8, frame: Size, known: Option<bool>) -> bool {
     match known {
         Some(known) => known,

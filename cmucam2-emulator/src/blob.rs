@@ -1,4 +1,4 @@
-//! What is tracked: pixels within bounds, gathered to one blob.
+//! Tracked pixels: those within bounds, gathered to one blob.
 
 use super::{
     colour::{Bounds, Colour},
@@ -6,15 +6,15 @@ use super::{
     view::{Region, View},
 };
 
-/// Which pixels count.
+/// Choice of the pixels that count.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Filter {
     pub(super) bounds: Bounds,
     /// Those outside count instead.
     pub(super) invert: bool,
-    /// How many side by side it takes.
+    /// Number of pixels side by side that a run takes.
     pub(super) run: u8,
-    /// Of a run, the pixels before the last one needed do not count.
+    /// True if the pixels of a run before the last one needed do not count.
     pub(super) tail_only: bool,
 }
 
@@ -58,7 +58,7 @@ impl Blob {
         blob
     }
 
-    /// How many pixels count.
+    /// Number of pixels that count.
     pub(super) fn count(&self) -> u32 {
         self.count
     }

@@ -1,10 +1,9 @@
 //! Commands as a camera reads them: from a line of text, or byte by byte in raw input.
 //!
-//! What is understood is what the manual lists and what public programs send: letters of either
-//! case, with or without a space after them, several spaces, a space or a line feed before the
-//! carriage return. Arguments are not judged beyond what makes a command impossible: colour levels
-//! of 0 to 255 in any order, servo positions, masks and modes with bits that mean nothing are all
-//! taken, as CMU's own firmware takes them.
+//! The camera understands the commands that the manual lists and that public programs send: letters of either
+//! case, with or without a space after them, several spaces, a space or a line feed before the carriage return.
+//! Arguments are not judged beyond what makes a command impossible: colour levels of 0 to 255 in any order, servo
+//! positions, masks and modes with bits that mean nothing are all taken, as CMU's own firmware takes them.
 
 use std::fmt;
 
@@ -16,7 +15,7 @@ pub(super) const ARGUMENTS_MAX: usize = 10;
 pub struct Command {
     /// Its name.
     pub letters: [u8; 2],
-    /// What follows.
+    /// Bytes that follow.
     pub arguments: Vec<u8>,
 }
 
@@ -30,7 +29,7 @@ impl fmt::Display for Command {
     }
 }
 
-/// Why something is no command. The camera answers `NCK` to all of them.
+/// Reason why something is no command. The camera answers `NCK` to all of them.
 pub(super) type Refusal = &'static str;
 
 const UNKNOWN: Refusal = "no command has these letters";
@@ -38,7 +37,7 @@ const COUNT: Refusal = "this command takes another number of arguments";
 const NUMBER: Refusal = "an argument must be a decimal number from 0 to 255";
 const VALUE: Refusal = "an argument has no meaning";
 
-/// What arguments a command takes.
+/// Arguments that a command takes.
 enum Takes {
     /// So many, each at most this.
     Exactly(&'static [u8]),
@@ -144,14 +143,14 @@ fn number(word: &[u8]) -> Result<u8, Refusal> {
     text.parse().map_err(|_| NUMBER)
 }
 
-/// Raw input (`RM` with bit 2): two letters, how many arguments, and these as bytes. A carriage
-/// return where a command could begin means what it means in text.
+/// Raw input (`RM` with bit 2): two letters, the number of arguments, and these as bytes. A carriage return where
+/// a command could begin means the same as in text.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RawInput {
     bytes: Vec<u8>,
 }
 
-/// What raw input has come to.
+/// Result of raw input so far.
 pub(super) enum RawHeard {
     /// Something is missing.
     Partial,

@@ -71,8 +71,8 @@ impl Grid {
         usize::from(y) * usize::from(self.side) + usize::from(x)
     }
 
-    /// Which blocks differ from another grid by more than a threshold. Grids of different
-    /// resolution have nothing in common.
+    /// Blocks that differ from another grid by more than a threshold. Grids of different resolution have nothing
+    /// in common.
     pub(super) fn differing(&self, other: &Self, threshold: u8) -> Vec<bool> {
         if self.side != other.side {
             return vec![true; self.means.len()];
@@ -84,8 +84,7 @@ impl Grid {
             .collect()
     }
 
-    /// How much each block differs from another grid; nothing is known of grids of different
-    /// resolution.
+    /// Difference of each block from another grid; nothing is known of grids of different resolution.
     pub(super) fn deltas(&self, other: &Self) -> Vec<u8> {
         let same = self.side == other.side;
         self.means

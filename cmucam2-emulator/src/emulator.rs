@@ -26,12 +26,12 @@ use super::{
 pub type Time = u64;
 
 const MILLISECOND: Time = 1_000_000;
-/// The unit of the switch that says how long a reset takes.
+/// Unit of the switch for the time that a reset takes.
 const BOOT_UNIT: Time = 100 * MILLISECOND;
-/// How long a camera is silent that falls silent.
+/// Time for which a camera that falls silent is silent.
 const SILENCE: Time = 3_000 * MILLISECOND;
 
-/// What camera it is.
+/// Set-up of a camera.
 #[derive(Clone, Debug)]
 pub struct Configuration {
     /// Its sensor.
@@ -40,11 +40,11 @@ pub struct Configuration {
     pub baud: u32,
     /// The rate at which the host listens and sends.
     pub host_baud: u32,
-    /// What the sources leave open.
+    /// Variants of the camera that the sources leave open.
     pub switches: Switches,
-    /// What goes wrong.
+    /// Rates of faults.
     pub faults: FaultRates,
-    /// Of faults and noise.
+    /// Seed of faults and noise.
     pub seed: u64,
     /// Keep [notes](Emulator::take_note).
     pub watched: bool,
@@ -74,21 +74,21 @@ pub enum Note {
     Refused {
         /// The line.
         line: Vec<u8>,
-        /// Why.
+        /// Reason for the refusal.
         why: String,
     },
     /// The host stopped a stream.
     Stopped,
     /// The camera has started, or failed to.
     Started {
-        /// Whether it works.
+        /// True if it works.
         alive: bool,
     },
     /// A packet was put on the line, before any damage there.
     Packet {
         /// It.
         packet: Packet,
-        /// When its last byte will be over.
+        /// Time when its last byte will be over.
         end: Time,
     },
     /// A fault was injected.
@@ -106,7 +106,7 @@ enum Source {
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     source: Source,
-    /// When the next packet is ready.
+    /// Time when the next packet is ready.
     next_at: Time,
     /// One packet, then the prompt.
     single: bool,
@@ -137,7 +137,7 @@ enum Activity {
         at: Time,
         /// It does not say so.
         quietly: bool,
-        /// What came meanwhile.
+        /// Bytes that came meanwhile.
         early: Vec<u8>,
     },
     Silent {
@@ -166,7 +166,7 @@ pub struct Emulator {
     light: Light,
     faults: Faults,
     wire: Wire,
-    /// What the host hears, if it listens at another rate.
+    /// Bytes as the host hears them, if it listens at another rate.
     to_host: Option<Framing>,
     from_host: Option<Framing>,
     line: Vec<u8>,
@@ -211,22 +211,22 @@ impl Emulator {
         emulator
     }
 
-    /// What is before the camera.
+    /// Returns the scene before the camera.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// What is before the camera, to be changed. It takes effect with the next frame.
+    /// The scene before the camera, to be changed. It takes effect with the next frame.
     pub fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
     }
 
-    /// What was set.
+    /// Returns the modes that were set.
     pub fn modes(&self) -> &Modes {
         &self.modes
     }
 
-    /// What the sensor has adapted to.
+    /// Returns the light that the sensor has adapted to.
     pub fn light(&self) -> &Light {
         &self.light
     }
@@ -283,7 +283,7 @@ impl Emulator {
         };
     }
 
-    /// What has happened since the last call, the oldest first, if it is watched.
+    /// The oldest event since the last call, if the camera is watched.
     pub fn take_note(&mut self) -> Option<Note> {
         self.notes.pop_front()
     }
@@ -320,7 +320,7 @@ impl Emulator {
         }
     }
 
-    /// The next byte for the host that is complete by now, and when it was.
+    /// The next byte for the host that is complete by now, and the time when it was.
     pub fn transmit(&mut self, now: Time) -> Option<(Time, u8)> {
         self.advance(now);
         let Some(framing) = &mut self.to_host else {
@@ -332,7 +332,7 @@ impl Emulator {
         framing.receive(now)
     }
 
-    /// When something happens next without the host: a byte is complete, or the camera acts.
+    /// Time of the next event without the host: a byte is complete, or the camera acts.
     pub fn next_deadline(&self) -> Option<Time> {
         let heard = self.to_host.as_ref().and_then(Framing::next_at);
         [self.act_at(), self.wire.next_at(), heard]
@@ -341,8 +341,8 @@ impl Emulator {
             .min()
     }
 
-    /// When a host that reads `count` bytes at once need look: so many are complete, or all that
-    /// the camera has said so far, or it acts next.
+    /// Time when a host that reads `count` bytes at once needs to look: so many are complete, or all that the
+    /// camera has said so far, or it acts next.
     pub fn next_burst(&self, count: usize) -> Option<Time> {
         if self.to_host.is_some() {
             return self.next_deadline();
@@ -350,8 +350,7 @@ impl Emulator {
         self.wire.complete_at(count).or_else(|| self.act_at())
     }
 
-    /// When the camera takes its next frame for a packet, if it streams. Until then the scene may
-    /// be changed.
+    /// Time when the camera takes its next frame for a packet, if it streams. Until then the scene may be changed.
     pub fn next_frame(&self) -> Option<Time> {
         match &self.activity {
             Activity::Stream(stream) => Some(stream.next_at),
@@ -443,8 +442,8 @@ impl Emulator {
         &self.configuration.switches
     }
 
-    /// Faults that a command or a packet may meet, at any time until then. Whether one did: then
-    /// nothing else happens, and what has not been sent by that time never is.
+    /// Faults that a command or a packet may meet, at any time until then. Returns true if one did: then nothing
+    /// else happens, and what has not been sent by that time never is.
     fn breaks_down(&mut self, now: Time, until: Time) -> bool {
         let moment = |share: f64| now + ((until - now) as f64 * share) as Time;
         let quietly = self.faults.silent_restart.strikes();

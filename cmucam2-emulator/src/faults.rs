@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::settings::settings;
 
 settings! {
-    /// How often each fault happens, as a probability at each occasion.
+    /// Rates of faults: the probability of each at each occasion.
     pub struct FaultRates of f64 {
         /// A well-formed command is refused; at each command
         nck = 0.0, up to 1.0;
@@ -56,17 +56,17 @@ impl Chance {
         Self { rate, random }
     }
 
-    /// Whether it happens this time.
+    /// Returns true if it happens this time.
     pub(super) fn strikes(&mut self) -> bool {
         self.rate > 0.0 && self.random.random_bool(self.rate)
     }
 
-    /// `0..below`, for how it happens.
+    /// `0..below`, for the way in which it happens.
     pub(super) fn pick(&mut self, below: u64) -> u64 {
         self.random.random_range(0..below.max(1))
     }
 
-    /// 0 to 1, for how it happens.
+    /// 0 to 1, for the way in which it happens.
     pub(super) fn share(&mut self) -> f64 {
         self.random.random_range(0.0..1.0)
     }
@@ -115,7 +115,7 @@ impl Faults {
         }
     }
 
-    /// What becomes of a line: one byte of it may be another.
+    /// Damages a line: one byte of it may be another.
     pub(super) fn damage(&mut self, line: &mut [u8]) {
         if !line.is_empty() && self.corrupt_line.strikes() {
             let place = self.corrupt_line.pick(line.len() as u64) as usize;
@@ -123,7 +123,7 @@ impl Faults {
         }
     }
 
-    /// What comes of one byte: perhaps one before it, and it or another, or nothing (`None`).
+    /// Sends one byte: perhaps one before it, and it or another, or nothing (`None`).
     pub(super) fn transmit(&mut self, byte: u8, mut send: impl FnMut(Option<u8>)) {
         if self.stray.strikes() {
             send(Some(self.stray.pick(256) as u8));

@@ -16,12 +16,12 @@ const LINES: u8 = 0xFE;
 const DELTAS: u8 = 0xFC;
 const LINES_END: u8 = 0xFD;
 
-/// What a frame begins with.
+/// Start of a frame.
 pub(super) fn header(region: Region) -> [u8; 3] {
     [FRAME, region.width(), region.height()]
 }
 
-/// What a frame ends with.
+/// End of a frame.
 pub(super) const END: u8 = 0x03;
 
 /// One row of a frame.
@@ -50,7 +50,7 @@ pub(super) fn row(
     bytes
 }
 
-/// Which pixels are tracked: `AA w h`, a bit for each, `AA AA`.
+/// Tracked pixels: `AA w h`, a bit for each, `AA AA`.
 pub(super) fn bitmap(view: &View<'_>, region: Region, filter: &Filter) -> Vec<Vec<u8>> {
     let mut all = vec![vec![BITMAP, region.width(), region.height()]];
     let mut tracked = Tracked::new(view, region, filter);
@@ -135,7 +135,7 @@ fn numbers(statistics: &Statistics, deviations: bool) -> Vec<u8> {
     numbers
 }
 
-/// Which blocks differ: `AA w h`, a bit for each, `AA AA`.
+/// Blocks that differ: `AA w h`, a bit for each, `AA AA`.
 pub(super) fn difference_bitmap(side: u8, differing: &[bool]) -> Vec<Vec<u8>> {
     let mut all = vec![vec![BITMAP, side, side]];
     for row in differing.chunks(usize::from(side)) {
@@ -153,7 +153,7 @@ pub(super) fn difference_bitmap(side: u8, differing: &[bool]) -> Vec<Vec<u8>> {
     all
 }
 
-/// How much each block differs: `FC w h`, a byte for each, `FD`.
+/// Difference of each block: `FC w h`, a byte for each, `FD`.
 pub(super) fn deltas(now: &Grid, reference: &Grid) -> Vec<Vec<u8>> {
     let side = now.side();
     let mut all = vec![vec![DELTAS, side, side]];

@@ -46,7 +46,7 @@ impl Framing {
             })
     }
 
-    /// When the line falls next, from a time on.
+    /// Time when the line falls next, from a time on.
     fn falls(&self, from: u64) -> Option<u64> {
         self.line.iter().find_map(|&(start, byte)| {
             let mut before = true;
@@ -64,7 +64,7 @@ impl Framing {
         })
     }
 
-    /// When the receiver has its next byte, if nothing more is sent.
+    /// Time when the receiver has its next byte, if nothing more is sent.
     pub(super) fn next_at(&self) -> Option<u64> {
         self.falls(self.from)
             .map(|start| start + (2 * BITS - 1) * self.receiver_bit / 2)

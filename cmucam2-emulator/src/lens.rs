@@ -9,8 +9,8 @@ use super::scene::Extent;
 /// A CMUcam2's pixels are twice as wide as they are tall.
 pub(super) const PIXEL_ASPECT: f64 = 2.0;
 
-/// How a camera of square directions spreads them over its picture: projection, field of view, and
-/// its columns and rows in low resolution.
+/// Lens of a camera of square directions: projection, field of view, and columns and rows of its picture in low
+/// resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     projection: Projection,
@@ -18,11 +18,11 @@ pub struct Lens {
     rows: f64,
     /// Columns for a tangent of 1 (pin-hole) or for one radian (equal angles).
     focal: f64,
-    /// How many rows are as much as a column.
+    /// Number of rows that are as much as a column.
     aspect: f64,
 }
 
-/// Where a camera stands and looks, level.
+/// Place and direction of a camera, level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Place.
@@ -55,7 +55,7 @@ impl Lens {
         Self::of_frame(projection, field_of_view, frame, PIXEL_ASPECT)
     }
 
-    /// That of another camera: columns and rows of its frame, and how many rows are as much as a
+    /// The lens of another camera: columns and rows of its frame, and the number of rows that are as much as a
     /// column.
     pub fn of_frame(
         projection: Projection,
@@ -84,7 +84,7 @@ impl Lens {
         self.columns
     }
 
-    /// How it spreads directions.
+    /// Returns the projection.
     pub fn projection(&self) -> Projection {
         self.projection
     }
@@ -103,7 +103,7 @@ impl Lens {
         self.bearing(-0.5)
     }
 
-    /// How far off the middle of the picture an angle off the axis is, columns.
+    /// Distance from the middle of the picture of an angle off the axis, columns.
     fn off(&self, angle: f64) -> f64 {
         self.focal
             * match self.projection {
@@ -126,12 +126,12 @@ impl Lens {
         }
     }
 
-    /// Where a bearing is, in fractions of the width.
+    /// Place of a bearing, in fractions of the width.
     pub fn across(&self, bearing: f64) -> f64 {
         self.right(self.off(bearing))
     }
 
-    /// Where an elevation is, in fractions of the height.
+    /// Place of an elevation, in fractions of the height.
     pub fn down(&self, elevation: f64) -> f64 {
         self.below(self.off(elevation))
     }
@@ -141,13 +141,13 @@ impl Lens {
         0.5 - left / self.columns
     }
 
-    /// What is so many columns' widths above the middle, in fractions of the height.
+    /// Place so many columns' widths above the middle, in fractions of the height.
     fn below(&self, up: f64) -> f64 {
         0.5 - up * self.aspect / self.rows
     }
 
-    /// What fills this width and height around a direction, radians. `None` if any of it is not
-    /// before the camera.
+    /// Extent of an object of this width and height around a direction, radians. `None` if any of it is not before
+    /// the camera.
     pub fn extent(&self, bearing: f64, elevation: f64, width: f64, height: f64) -> Option<Extent> {
         let (left, right) = (bearing + width / 2.0, bearing - width / 2.0);
         let (top, bottom) = (elevation + height / 2.0, elevation - height / 2.0);
@@ -162,7 +162,7 @@ impl Lens {
         })
     }
 
-    /// Where a ball is seen. `None` unless all of it is before the camera.
+    /// Extent of a ball as it is seen. `None` unless all of it is before the camera.
     ///
     /// A pin-hole's outline is taken as that of a disc that faces the image plane, which is exact in
     /// the middle of the picture.

@@ -6,10 +6,9 @@
 //! simulated networks run it in virtual time. The same configuration, scene and input give the
 //! same bytes.
 //!
-//! It reads commands and writes packets by itself, from the manual and from what public programs
-//! send and expect, and shares no code with a driver. What the camera sees is a [`Scene`], of
-//! which only those pixels are computed that a command needs. What public sources leave open is
-//! one of [`Switches`] each, and what goes wrong one of [`FaultRates`].
+//! It reads commands and writes packets by itself, after the manual and the public programs, and shares no code
+//! with a driver. The camera sees a [`Scene`], of which only those pixels are computed that a command needs. Each
+//! point that public sources leave open is one of [`Switches`], and each fault one of [`FaultRates`].
 //!
 //! # Example
 //! A ball is put somewhere else before each frame, as a simulated network does it.

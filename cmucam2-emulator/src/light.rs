@@ -1,14 +1,14 @@
 //! Automatic gain and white balance of the sensor.
 //!
-//! While on, the gain drifts until the picture is of middle brightness, and the white balance
-//! until the picture as a whole is grey, each with its time constant. Both therefore change with
-//! whatever is in view: a colour learned before they are frozen is not that colour afterwards.
+//! While on, the gain drifts until the picture is of middle brightness, and the white balance until the picture as
+//! a whole is grey, each with its time constant. Both therefore change with the objects in view: a colour learned
+//! before they are frozen is not that colour afterwards.
 
 /// Levels: the brightness that automatic gain aims at.
 const MIDDLE: f64 = 128.0;
-/// How long the gain takes for most of the way, seconds.
+/// Time that the gain takes for most of the way, seconds.
 const GAIN_SECONDS: f64 = 0.7;
-/// How long the white balance takes for most of the way, seconds.
+/// Time that the white balance takes for most of the way, seconds.
 const WHITE_SECONDS: f64 = 1.5;
 /// The limits of all factors.
 const FACTORS: std::ops::RangeInclusive<f64> = 0.25..=4.0;
@@ -19,9 +19,9 @@ const WHITE_KELVIN: f64 = 6_504.0;
 /// The [`Scene::light`](crate::Scene::light) of a black body's colour, such as lamps and daylight have
 /// nearly.
 ///
-/// `level` is how bright a grey wall is against the scene in white light, from 0; `kelvin` the colour
-/// temperature: 2,700 is a lamp, 6,504 white daylight, 10,000 the blue sky; it is cut to 1,667 to 25,000.
-/// To be set at any time: a sensor that adapts follows it, one that was frozen does not.
+/// `level` is the brightness of a grey wall against the scene in white light, from 0; `kelvin` the colour
+/// temperature: 2,700 is a lamp, 6,504 white daylight, 10,000 the blue sky; it is cut to 1,667 to 25,000. To be
+/// set at any time: a sensor that adapts follows it, one that was frozen does not.
 ///
 /// Chromaticities by the cubic splines of Kim et al. (US patent 7,024,034), as linear sRGB (IEC
 /// 61966-2-1).
@@ -70,7 +70,7 @@ fn linear_srgb(kelvin: f64) -> [f64; 3] {
     .map(|channel| channel.max(0.0))
 }
 
-/// What the sensor multiplies each channel by.
+/// Factor by which the sensor multiplies each channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
     gain: f64,
@@ -93,7 +93,7 @@ impl Light {
         self.white.map(|white| white * self.gain)
     }
 
-    /// Time passes before a scene whose mean is asked for only when it is needed.
+    /// Lets time pass before a scene, whose mean is asked for only when it is needed.
     pub(super) fn adapt(
         &mut self,
         now: u64,
@@ -156,7 +156,7 @@ mod tests {
             assert!((channel - 0.7).abs() < 1e-12, "{channel}");
         }
         let [red, green, blue] = daylight(1.0, 2_856.0);
-        // Of CIE illuminant A (x 0.4476, y 0.4074) against the black body of 6,504 K (0.3135, 0.3237).
+        // Ratio for CIE illuminant A (x 0.4476, y 0.4074) against the black body of 6,504 K (0.3135, 0.3237).
         assert!((red / green - 2.11).abs() < 0.03, "{red} {green}");
         assert!((blue / green - 0.269).abs() < 0.02, "{blue} {green}");
         let mut before = f64::INFINITY;

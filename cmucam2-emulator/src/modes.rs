@@ -32,10 +32,10 @@ const REGISTERS: [(u8, u8); 6] = [
     (register::AUTO_GAIN, 33),
 ];
 
-/// How many registers the sensor has.
+/// Number of registers of the sensor.
 const REGISTER_COUNT: usize = 256;
 
-/// What a servo pin does.
+/// Use of a servo pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ServoPin {
     /// It holds this position, 46 to 210.
@@ -51,8 +51,8 @@ impl ServoPin {
     }
 }
 
-/// How the camera follows a target along one axis: beyond `far` pixels from the middle by `step`,
-/// beyond `near` by half of that.
+/// Way in which the camera follows a target along one axis: beyond `far` pixels from the middle by `step`, beyond
+/// `near` by half of that.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ServoAxis {
     pub(super) far: u8,
@@ -60,7 +60,7 @@ pub(super) struct ServoAxis {
     pub(super) step: u8,
 }
 
-/// What the camera does with pan and tilt (`SM`): the bits of CMU's firmware.
+/// Actions of the camera on pan and tilt (`SM`): the bits of CMU's firmware.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ServoMask(pub(super) u8);
 
@@ -92,7 +92,7 @@ impl RawMode {
     }
 }
 
-/// What was set.
+/// Settings of the camera.
 #[derive(Clone, Debug)]
 pub struct Modes {
     pub(super) sensor: Sensor,
@@ -108,9 +108,9 @@ pub struct Modes {
     pub(super) histogram_scale: u8,
     pub(super) histogram_tracked: bool,
     pub(super) frame_stream: bool,
-    /// What the two LEDs do: 0 off, 1 on, 2 as the camera likes.
+    /// States of the two LEDs: 0 off, 1 on, 2 as the camera likes.
     pub leds: [u8; 2],
-    /// Of tracking, of statistics and of frame differencing.
+    /// Line modes of tracking, of statistics and of frame differencing.
     pub(super) line_modes: [u8; 3],
     pub(super) noise_filter: u8,
     pub(super) tracking_mask: u8,
@@ -121,7 +121,7 @@ pub struct Modes {
     pub(super) packet_skip: u8,
     pub(super) servo_mask: ServoMask,
     pub(super) servo_axes: [ServoAxis; 2],
-    /// What the servo pins do.
+    /// Uses of the servo pins.
     pub servos: [ServoPin; SERVOS],
     pub(super) bounds: Bounds,
     pub(super) invert: bool,
@@ -254,7 +254,7 @@ impl Modes {
         (time * rows / all).max(time / FASTEST_SHARE)
     }
 
-    /// What a servo pin says when asked for its position.
+    /// Answer of a servo pin when asked for its position.
     pub(super) fn servo_value(&self, servo: usize) -> u8 {
         match self.servos[servo] {
             ServoPin::Position(position) => position,
@@ -265,7 +265,7 @@ impl Modes {
 
 const SECOND: u64 = 1_000_000_000;
 
-/// By clock divider; dividers that the reference does not list lie between their neighbours.
+/// Frames a second by clock divider; dividers that the reference does not list lie between their neighbours.
 fn frames_per_second(divider: u8) -> u8 {
     match divider {
         0 => 50,

@@ -1,5 +1,4 @@
-//! Noise that depends on where and when it is, so that only the pixels that are looked at need to be
-//! computed.
+//! Noise that depends on place and time, so that only the pixels that are looked at need to be computed.
 
 /// A bijection of 64 bits without visible order (the finaliser of `SplitMix64`).
 pub(crate) fn mix(value: u64) -> u64 {

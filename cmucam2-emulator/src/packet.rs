@@ -5,7 +5,7 @@
 pub struct Packet {
     /// `T`, `S` or `H`.
     pub letter: u8,
-    /// What follows it, masked as the host wants it.
+    /// Numbers that follow it, masked as the host wants it.
     pub numbers: Vec<u8>,
 }
 

@@ -2,13 +2,13 @@
 
 use super::scene::Rgb;
 
-/// What the darkest and brightest luminance of ordinary video are.
+/// Darkest and brightest luminance of ordinary video.
 const LUMINANCE: [f64; 2] = [16.0, 235.0];
-/// What its chrominance spans about its middle.
+/// Span of its chrominance about its middle.
 const CHROMINANCE_SPAN: f64 = 224.0;
 const CHROMINANCE_MIDDLE: f64 = 128.0;
 
-/// So many samples a plane has at most: sums of all of them fit 32 bits.
+/// Most samples of a plane: sums of all of them fit 32 bits.
 const SAMPLES_MAX: usize = 1 << 24;
 
 /// One of the three components of a picture, row by row from the upper left corner.
@@ -92,14 +92,14 @@ impl Plane {
     }
 }
 
-/// What one of `to` samples covers of `from` samples. The weights of all that it covers are `from`.
+/// Part of `from` samples that one of `to` samples covers. The weights of all that it covers are `from`.
 struct Share {
     /// The first and the last sample that are touched, which may be the same one.
     first: usize,
     last: usize,
     first_weight: u32,
     last_weight: u32,
-    /// Of those between.
+    /// Weight of those between.
     weight: u32,
 }
 
@@ -139,8 +139,8 @@ impl Share {
     }
 }
 
-/// A picture as video has it: luminance, and chrominance unless it is grey. All planes show the same
-/// view, whatever their numbers of columns and rows.
+/// A picture as video has it: luminance, and chrominance unless it is grey. All planes show the same view, with
+/// any numbers of columns and rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     /// Y.

@@ -1,10 +1,9 @@
-//! What stands before the camera.
+//! Objects and background before the camera.
 //!
-//! A scene is painted from back to front: first the background, then each [`Object`] over those
-//! before it, so an occluder is an object that comes later. The picture is described in fractions
-//! of its width and height, so that the same scene serves every sensor and resolution. Whoever
-//! knows bearings converts them with a [`Lens`]; whoever simulates a network sets the
-//! [`Place::At`] of each object before a frame is due.
+//! A scene is painted from back to front: first the background, then each [`Object`] over those before it, so an
+//! occluder is an object that comes later. The picture is described in fractions of its width and height, so that
+//! the same scene serves every sensor and resolution. A caller that knows bearings converts them with a [`Lens`];
+//! a simulation of a network sets the [`Place::At`] of each object before a frame is due.
 
 use std::sync::Arc;
 
@@ -73,7 +72,7 @@ pub enum Shape {
     Box,
 }
 
-/// What the numbers of a way mean.
+/// Meaning of the numbers of a way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {
     /// Middle x and y, width, height, in fractions of the picture.
@@ -85,7 +84,7 @@ pub enum Form {
 }
 
 impl Form {
-    /// Where that is in the picture; `None` behind the camera.
+    /// Extent of that place in the picture; `None` behind the camera.
     pub fn extent(&self, numbers: [f64; 4]) -> Option<Extent> {
         let [a, b, c, d] = numbers;
         match self {
@@ -99,7 +98,7 @@ impl Form {
 /// A way through places at times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Way {
-    /// What the numbers mean.
+    /// Meaning of the numbers.
     pub form: Form,
     /// Seconds since the start, ascending, and the place at that time. Between two, the object
     /// moves uniformly; before the first and after the last it stands.
@@ -134,7 +133,7 @@ impl Way {
     }
 }
 
-/// Where an object is.
+/// Place of an object.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Place {
     /// Nowhere in view.
@@ -156,7 +155,7 @@ pub struct Object {
     pub place: Place,
 }
 
-/// What is behind all objects.
+/// Background, behind all objects.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Background {
     /// One colour.
@@ -170,14 +169,14 @@ pub enum Background {
     },
     /// Blocks in columns; row by row their colours, which begin anew when they are used up.
     Blocks {
-        /// How many side by side.
+        /// Number of blocks side by side.
         columns: u16,
-        /// How many above one another.
+        /// Number of blocks above one another.
         rows: u16,
         /// Their colours.
         colours: Vec<Rgb>,
     },
-    /// What another camera saw, all of it.
+    /// Picture of another camera, all of it.
     Picture(Arc<Picture>),
 }
 
@@ -215,7 +214,7 @@ impl Background {
         }
     }
 
-    /// Whether the colour changes along a row.
+    /// Returns true if the colour changes along a row.
     pub(super) fn varies_along_rows(&self) -> bool {
         matches!(self, Self::Blocks { .. } | Self::Picture(_))
     }
@@ -232,10 +231,10 @@ pub struct Scene {
     pub light: [f64; 3],
     /// Standard deviation of each pixel's noise, levels. Three times that is the greatest.
     pub noise: f64,
-    /// How much the light changes from frame to frame, as a fraction of itself.
+    /// Change of the light from frame to frame, as a fraction of itself.
     pub flicker: f64,
-    /// By how much of its width the picture moves when the pan servo makes a step; 0 for a camera
-    /// that is not mounted on the servos.
+    /// Part of its width by which the picture moves when the pan servo makes a step; 0 for a camera that is not
+    /// mounted on the servos.
     pub servo_step: f64,
 }
 
@@ -256,7 +255,7 @@ impl Default for Scene {
 /// An object as it is seen in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
-    /// Where it is.
+    /// Its place.
     pub extent: Extent,
     /// Its outline.
     pub shape: Shape,
@@ -265,7 +264,7 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// From where to where it reaches at a height, but for rounding.
+    /// Left and right end of the object at a height, but for rounding.
     pub(super) fn span(&self, y: f64) -> Option<[f64; 2]> {
         let Extent {
             left,
@@ -287,7 +286,7 @@ impl Patch {
         }
     }
 
-    /// Whether a place of the picture, in fractions of its width and height, is within its outline.
+    /// Returns true if a place of the picture, in fractions of its width and height, is within its outline.
     pub fn covers(&self, x: f64, y: f64) -> bool {
         let Extent {
             left,
@@ -343,7 +342,7 @@ impl Scene {
         Picture::from_rgb(width, height, &pixels)
     }
 
-    /// What is in view at a time, seconds since the start, from back to front.
+    /// Objects in view at a time, seconds since the start, from back to front.
     pub fn patches(&self, at: f64) -> impl Iterator<Item = Patch> + '_ {
         self.objects.iter().filter_map(move |object| {
             let extent = match &object.place {

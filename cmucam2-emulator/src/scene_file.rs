@@ -45,7 +45,7 @@ use super::{
     sensor::{Sensor, Size},
 };
 
-/// Why a scene file cannot be used.
+/// Reason why a scene file cannot be used.
 #[derive(Debug)]
 pub enum SceneError {
     /// It is not TOML, or has fields that a scene does not have.
@@ -150,7 +150,7 @@ enum ShapeName {
     Box,
 }
 
-/// A stop of any form: which one is told by the fields that are there.
+/// A stop of any form, which follows from the fields that are there.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Stop {
@@ -167,7 +167,7 @@ struct Stop {
     radius: Option<f64>,
 }
 
-/// What the four numbers of a stop mean.
+/// Meaning of the four numbers of a stop.
 #[derive(Clone, Copy, PartialEq)]
 enum StopForm {
     Picture,
@@ -210,7 +210,7 @@ impl Scene {
         Self::of_frame(text, [size.width, size.height].map(u16::from), PIXEL_ASPECT)
     }
 
-    /// The same for another camera: columns and rows of its frame, and how many rows are as much as a
+    /// The same for another camera: columns and rows of its frame, and the number of rows that are as much as a
     /// column.
     ///
     /// # Errors
@@ -325,7 +325,7 @@ impl ObjectTable {
 }
 
 impl Stop {
-    /// Its form and numbers, or what is wrong with it.
+    /// Its form and numbers, or the fault that it has.
     fn read(&self) -> Result<(StopForm, [f64; 4]), String> {
         let picture = self.picture.is_some() || self.size.is_some();
         let angles =
@@ -401,7 +401,7 @@ mod tests {
         assert!((middle - 0.5).abs() < 1e-12);
     }
 
-    /// Where the balls of the shipped scenes are at the start.
+    /// Places of the balls of the shipped scenes at the start.
     #[test]
     fn the_shipped_scenes_are_what_they_say() {
         for (text, left, ahead) in [

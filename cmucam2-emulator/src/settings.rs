@@ -7,15 +7,15 @@ use std::fmt;
 pub struct Setting<T> {
     /// Its name, for options.
     pub name: &'static str,
-    /// What it means.
+    /// Its meaning.
     pub meaning: &'static str,
-    /// What it is unless set.
+    /// Its value unless set.
     pub default: T,
     /// The greatest value; the least is 0.
     pub greatest: T,
 }
 
-/// Why a setting was not set.
+/// Reason why a setting was not set.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SettingError {
     /// There is none of that name.
@@ -128,7 +128,7 @@ macro_rules! settings {
             /// As [`Self::set`], or another form.
             pub fn set_from(&mut self, text: &str) -> Result<(), $crate::SettingError> {
                 let (name, value) = $crate::settings::split(text)?;
-                // What cannot be read lies outside of every range.
+                // A value that cannot be read lies outside of every range.
                 self.set(name, value.parse().unwrap_or(<$number>::MAX))
             }
         }

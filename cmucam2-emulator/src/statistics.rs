@@ -19,7 +19,7 @@ pub(super) struct Statistics {
 
 const LEVELS: usize = (LEVEL_MAX - LEVEL_MIN) as usize + 1;
 
-/// How often each level of each channel occurs.
+/// Number of occurrences of each level of each channel.
 #[derive(Clone, Debug)]
 pub(super) struct Levels {
     counts: [[u32; LEVELS]; 3],

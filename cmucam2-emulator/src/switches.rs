@@ -1,12 +1,12 @@
-//! What the sources of the protocol leave open: one switch for each.
+//! Points of the protocol that the sources leave open: one switch for each.
 
 use super::settings::settings;
 
 settings! {
     /// The variants of a camera, as far as public sources leave them open.
     ///
-    /// The defaults are what most sources say, and what public programs need. The driver is to
-    /// understand every position; its own list is `cmucam2_driver::uncertain`.
+    /// The defaults are those of most sources, and those that public programs need. The driver is to understand
+    /// every position; its own list is `cmucam2_driver::uncertain`.
     pub struct Switches of u8 {
         /// Number of the first column, row and block
         origin = 1, up to 1;
@@ -48,9 +48,9 @@ settings! {
         last_row_mark = 1, up to 1;
         /// LM 1 says after FE how many rows follow: 0 no, 1 yes
         mean_lines_height = 1, up to 1;
-        /// How long a reset takes, in tenths of a second
+        /// Time that a reset takes, in tenths of a second
         boot_time = 7, up to 10;
-        /// What comes while the camera starts is 0 lost, 1 obeyed when it has started
+        /// Input while the camera starts is 0 lost, 1 obeyed when it has started
         boot_input = 1, up to 1;
         /// The prompt comes 0 when woken, 1 before sleep
         sleep_prompt = 1, up to 1;

@@ -1,4 +1,4 @@
-//! Which pixels of a frame count, exactly, computing only those that noise decides.
+//! Pixels of a frame that count, found exactly by computing only those that noise decides.
 
 use super::{
     blob::Filter,
@@ -6,7 +6,7 @@ use super::{
     view::{Region, View},
 };
 
-/// Whether the pixels of one paint count.
+/// Verdict on the pixels of one paint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     Never,
@@ -34,9 +34,9 @@ pub(super) struct Tracked<'a> {
     view: &'a View<'a>,
     region: Region,
     filter: &'a Filter,
-    /// From back to front.
+    /// Verdicts on the patches, from back to front.
     patches: Vec<Verdict>,
-    /// Of the background, if it is the same in all rows.
+    /// Verdict on the background, if it is the same in all rows.
     backdrop: Option<Verdict>,
     /// Nothing counts outside of these rows.
     rows: (u8, u8),
@@ -87,8 +87,7 @@ impl<'a> Tracked<'a> {
         }
     }
 
-    /// Fills `row`, with no `Perhaps`, from the column that is returned on. What is not in it does
-    /// not count.
+    /// Fills `row`, with no `Perhaps`, from the column that is returned on. Columns outside of it do not count.
     fn judge(&mut self, y: u8) -> Option<u8> {
         let Region { x1, x2, .. } = self.region;
         let backdrop = self

@@ -23,12 +23,12 @@ pub struct Region {
 }
 
 impl Region {
-    /// How many columns.
+    /// Number of columns.
     pub fn width(self) -> u8 {
         self.x2 - self.x1 + 1
     }
 
-    /// How many rows.
+    /// Number of rows.
     pub fn height(self) -> u8 {
         self.y2 - self.y1 + 1
     }
@@ -45,26 +45,25 @@ impl Region {
     }
 }
 
-/// What the sensor saw at one moment. Pixels are computed from it when they are needed, always to
-/// the same values.
+/// A moment as the sensor saw it. Pixels are computed from it when they are needed, always to the same values.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Snapshot {
     /// Behind all patches; a picture with as many columns and rows as the sensor's.
     pub(super) background: Background,
     /// From back to front.
     pub(super) patches: Vec<Patch>,
-    /// What each channel is multiplied by.
+    /// Factor by which each channel is multiplied.
     pub(super) factors: [f64; 3],
     /// Contrast about the middle, then brightness.
     pub(super) contrast: f64,
     pub(super) brightness: f64,
     /// The sensor is switched off.
     pub(super) dark: bool,
-    /// Of the noise.
+    /// Seed of the noise.
     pub(super) seed: u64,
 }
 
-/// How the pixels of a frame are laid out and processed.
+/// Layout and processing of the pixels of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     /// Columns and rows that the whole picture would have, of which a frame may lack some.
@@ -236,12 +235,12 @@ impl<'a> View<'a> {
         verdict
     }
 
-    /// Of each patch, from back to front.
+    /// Verdicts on the patches, from back to front.
     pub(super) fn verdicts(&self, filter: &Filter) -> impl Iterator<Item = Verdict> {
         self.paints.iter().map(|&paint| self.verdict(paint, filter))
     }
 
-    /// Of the background, if it is the same in all rows.
+    /// Verdict on the background, if it is the same in all rows.
     pub(super) fn backdrop_verdict(&self, filter: &Filter) -> Option<Verdict> {
         match self.background {
             Background::Plain(colour) => {
@@ -252,7 +251,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Of the background in a row, if it is the same in all columns.
+    /// Verdict on the background in a row, if it is the same in all columns.
     pub(super) fn row_verdict(&self, y: u8, filter: &Filter) -> Verdict {
         let colour = self.background.colour(0.5, self.place(y, 1));
         self.verdict(self.paint(colour), filter)
@@ -298,8 +297,8 @@ impl<'a> View<'a> {
     }
 }
 
-/// Whether an edge is farther from the middles of all pixels than it can be wrong: where a disc
-/// ends above or below, the root of a rounding error of 1e-16.
+/// Returns true if an edge is farther from the middles of all pixels than its error can be: where a disc ends
+/// above or below, the root of a rounding error of 1e-16.
 fn is_between_pixels(edge: f64) -> bool {
     (edge - edge.round()).abs() > 1e-4
 }
@@ -324,7 +323,7 @@ fn luminance_chrominance(colour: Colour) -> Colour {
     }
 }
 
-/// How much two pixels differ, from the lowest level on.
+/// Difference of two pixels, from the lowest level on.
 fn difference(here: Colour, left: Colour) -> Colour {
     let level = |a: u8, b: u8| (LEVEL_MIN + a.abs_diff(b)).min(LEVEL_MAX);
     Colour {

@@ -1,4 +1,4 @@
-//! The camera's end of the serial line: when each byte has gone over it.
+//! The camera's end of the serial line: the time when each byte has gone over it.
 
 use std::collections::VecDeque;
 
@@ -48,12 +48,12 @@ impl Wire {
         self.free_at = start + self.byte_time() + u64::from(self.pause_bits) * self.bit;
     }
 
-    /// When the last byte is over.
+    /// Time when the last byte is over.
     pub(super) fn free_at(&self) -> u64 {
         self.free_at
     }
 
-    /// Drops what has not begun.
+    /// Drops the bytes that have not begun.
     pub(super) fn cut(&mut self, now: u64) {
         let begun = self.queue.partition_point(|sent| sent.start < now);
         self.queue.truncate(begun);
@@ -65,12 +65,12 @@ impl Wire {
             .max(now);
     }
 
-    /// When the next byte is complete.
+    /// Time when the next byte is complete.
     pub(super) fn next_at(&self) -> Option<u64> {
         self.queue.front().map(|sent| sent.start + self.byte_time())
     }
 
-    /// When so many bytes are complete; if there are fewer, when the last one is.
+    /// Time when so many bytes are complete; if there are fewer, time when the last one is.
     pub(super) fn complete_at(&self, count: usize) -> Option<u64> {
         let last = self.queue.len().checked_sub(1)?;
         let sent = self.queue.get(count.saturating_sub(1).min(last))?;

@@ -23,7 +23,7 @@ pub struct Link {
     /// From the host to the camera, with the time at which each byte is over.
     outgoing: VecDeque<(Time, u8)>,
     byte_time: Time,
-    /// When the host's last byte came.
+    /// Time when the host's last byte came.
     heard_at: Time,
 }
 
@@ -45,12 +45,12 @@ impl Link {
         self.now
     }
 
-    /// When the last byte that the host looked at came.
+    /// Time when the last byte that the host looked at came.
     pub fn heard_at(&self) -> Time {
         self.heard_at
     }
 
-    /// Lets time pass without looking at what comes.
+    /// Lets time pass without looking at bytes that come.
     pub fn pass(&mut self, time: Time) {
         self.now += time;
         self.camera.advance(self.now);
@@ -81,7 +81,7 @@ impl Link {
             if let Some(outcome) = self.session.outcome() {
                 return outcome;
             }
-            // Bytes that wait for the host come first, then whatever happens next.
+            // Bytes that wait for the host come first, then the next event.
             if let Some((at, byte)) = self.camera.transmit(self.now) {
                 self.heard_at = at;
                 self.session.receive(byte, self.now / MICROSECOND, row);
@@ -96,7 +96,7 @@ impl Link {
             while let Some((at, byte)) = self.outgoing.pop_front_if(|(at, _)| *at <= self.now) {
                 self.camera.receive(byte, at);
             }
-            // What the camera has sent by now comes before the deadline.
+            // Bytes that the camera has sent by now come before the deadline.
             if self.camera.next_deadline().is_none_or(|at| at > self.now) {
                 self.session.tick(self.now / MICROSECOND);
             }

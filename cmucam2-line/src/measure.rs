@@ -17,7 +17,7 @@ use super::Link;
 
 const SECOND: Time = 1_000_000_000;
 
-/// How T packets are sent.
+/// Form in which T packets are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacketForm {
     /// All eight fields as text.
@@ -37,7 +37,7 @@ pub struct HighestRate {
     pub packets_per_second: f64,
 }
 
-/// What became of T packets on a bad line.
+/// Fates of T packets on a bad line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Corruption {
     /// Packets that the camera sent.
@@ -46,7 +46,7 @@ pub struct Corruption {
     pub delivered: u32,
     /// Delivered packets that the camera did not send.
     pub wrong: u32,
-    /// Of these, packets that differ from what was sent in more than one number.
+    /// Of these, packets that differ in more than one number from the packet sent.
     pub wrong_in_several: u32,
     /// Calls that ended in a fault, or without a packet.
     pub failed: u32,
@@ -228,7 +228,7 @@ pub fn track_for(seconds: u64, seed: u64) -> u64 {
     bytes
 }
 
-/// In how many of its numbers a packet differs from another.
+/// Number of a packet's numbers that differ from another's.
 fn differing(a: &[u8], b: &[u8]) -> usize {
     let words = |line| <[u8]>::split(line, u8::is_ascii_whitespace);
     words(a).zip(words(b)).filter(|(a, b)| a != b).count()

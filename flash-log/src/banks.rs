@@ -10,7 +10,7 @@ use crate::{
     slot::{self, Content},
 };
 
-/// What to do with a slot, or with the bank it is the first of.
+/// Work on a slot, or on the bank it is the first of.
 #[derive(Clone, Copy)]
 enum Access {
     Read,
@@ -29,7 +29,7 @@ struct Active {
     torn: bool,
 }
 
-/// What is found in a bank, slot by slot.
+/// State of a bank, slot by slot.
 #[derive(Clone, Copy, Default)]
 struct Survey {
     generation: Option<u32>,
@@ -87,12 +87,12 @@ pub(super) struct Banks<F> {
     bank_len: u32,
     /// Bytes of a slot, at most [`SLOT_MAX`].
     slot_len: usize,
-    /// Slots of a bank. What is left at its end is not used.
+    /// Slots of a bank. The rest at its end is not used.
     slots: u32,
     active: Option<Active>,
-    /// It was opened, not recovered: what rotted is done without.
+    /// It was opened, not recovered: records that rotted are left out.
     lenient: bool,
-    /// Of the slot being read or written.
+    /// Bytes of the slot being read or written.
     buffer: Buffer,
 }
 
@@ -142,9 +142,9 @@ impl<F: NorFlash> Banks<F> {
         slot.unwrap_or_default()
     }
 
-    /// All there is to do with the flash, in one place: every `await` of a future of its own would
-    /// be code of its own. What was written or erased is read again: worn flash may not say that it
-    /// failed, and what was not erased would be taken for the newest.
+    /// All work on the flash, in one place: every `await` of a future of its own would be code of its own. Written
+    /// or erased bytes are read again: worn flash may not say that it failed, and bytes that were not erased would
+    /// be taken for the newest.
     async fn access(
         &mut self,
         access: Access,
@@ -316,7 +316,7 @@ impl<F: NorFlash> Banks<F> {
         Ok(())
     }
 
-    /// Whether there is a record with this key, which is then the [`slot`](Self::slot).
+    /// Returns true if there is a record with this key, which is then the [`slot`](Self::slot).
     pub(super) async fn find(&mut self, key: u8) -> Result<bool, LogError<F::Error>> {
         let active = self.in_force()?;
         for slot in (1..active.free).rev() {
@@ -327,7 +327,7 @@ impl<F: NorFlash> Banks<F> {
                 Content::Entry { .. } if is_wanted => return Ok(true),
                 Content::Entry { .. } => {}
                 _ if !self.lenient => return Err(LogError::Corrupt),
-                // What was written before it may be true no more.
+                // Records written before it may be true no more.
                 _ if is_wanted => return Ok(false),
                 _ => {}
             }
@@ -335,7 +335,7 @@ impl<F: NorFlash> Banks<F> {
         Ok(false)
     }
 
-    /// Where the newest record of each key from `first` on is, 0 for none.
+    /// Slot of the newest record of each key from `first` on, 0 for none.
     pub(super) async fn newest(
         &mut self,
         first: u8,
@@ -348,7 +348,7 @@ impl<F: NorFlash> Banks<F> {
             let newest = match self.content() {
                 Content::Entry { .. } => slot,
                 _ if !self.lenient => return Err(LogError::Corrupt),
-                // What was written before it may be true no more.
+                // Records written before it may be true no more.
                 _ => 0,
             };
             let place = slot::key(self.slot()).checked_sub(first).map(usize::from);
@@ -359,7 +359,7 @@ impl<F: NorFlash> Banks<F> {
         Ok(())
     }
 
-    /// Whether there is a record in this slot, which is then the [`slot`](Self::slot).
+    /// Returns true if there is a record in this slot, which is then the [`slot`](Self::slot).
     pub(super) async fn read(&mut self, slot: u32) -> Result<bool, LogError<F::Error>> {
         let active = self.in_force()?;
         if !(1..active.free).contains(&slot) {
@@ -373,7 +373,7 @@ impl<F: NorFlash> Banks<F> {
         }
     }
 
-    /// Moves what is live to the other bank.
+    /// Moves the live records to the other bank.
     async fn compact(&mut self, change: fn(u8, &mut [u8])) -> Result<(), LogError<F::Error>> {
         let from = self.active.take().ok_or(LogError::NotOpen)?;
         let to = 1 - from.bank;

@@ -1,6 +1,6 @@
 //! The checksum of slots.
 
-/// CRC-32 (ISO-HDLC, that of Ethernet and zip), bit by bit: what it covers is short and read rarely.
+/// CRC-32 (ISO-HDLC, that of Ethernet and zip), bit by bit: the covered bytes are few and read rarely.
 #[derive(Clone, Copy, Debug)]
 pub struct Crc32(u32);
 
@@ -16,7 +16,7 @@ impl Crc32 {
         Self(u32::MAX)
     }
 
-    /// Of these bytes.
+    /// The checksum of these bytes.
     pub fn of(bytes: &[u8]) -> u32 {
         let mut crc = Self::new();
         crc.add(bytes);

@@ -1,11 +1,11 @@
-//! What changed and is not yet written down.
+//! Facts that changed and are not yet written down.
 
 use core::ops::Range;
 
-/// Which facts, each with a record of its own, are to be written down: up to 32 for each of `WORDS`.
+/// Set of facts, each with a record of its own, that are to be written down: up to 32 for each of `WORDS`.
 ///
-/// A set and no queue: what a fact is now, its owner knows when the fact's turn comes. So nothing is
-/// lost however much changes, and a fact that changes twice is written once.
+/// A set and no queue: its owner knows the present value of a fact when the fact's turn comes. So nothing is lost
+/// with any number of changes, and a fact that changes twice is written once.
 ///
 /// Facts are written in the order of their numbers: one that must be written before another has the
 /// lower number, or is asked for first with [`first_in`](Self::first_in).

@@ -8,25 +8,23 @@
 //! 31 records to a page of 4 KiB. Logs of several sizes on one type of flash share their code.
 //!
 //! # Format, version 1
-//! A slot is: version 1, key, value padded with zeros, CRC-32 (ISO-HDLC) of all that, as
-//! little-endian u32. A bank is half the range. At rest one bank is valid and the other erased.
-//! Slot 0 of a bank is its header: key 255, generation as little-endian u32. It is written last, so
-//! a bank with a header is whole. Records follow, then erased slots. When a bank is full, the
-//! newest record of each key goes into the other one, with the next generation, and then this one
-//! is erased. [Beginning](Log::begin) a log anew is the same with other records. Where there was
-//! none, an empty bank of generation 0 comes first: it says that the log is being begun, and that
-//! whatever the other bank holds without a header was never in force.
+//! A slot is: version 1, key, value padded with zeros, CRC-32 (ISO-HDLC) of all that, as little-endian u32. A bank
+//! is half the range. At rest one bank is valid and the other erased. Slot 0 of a bank is its header: key 255,
+//! generation as little-endian u32. It is written last, so a bank with a header is whole. Records follow, then
+//! erased slots. When a bank is full, the newest record of each key goes into the other one, with the next
+//! generation, and then this one is erased. [Beginning](Log::begin) a log anew is the same with other records.
+//! Where there was none, an empty bank of generation 0 comes first: it says that the log is being begun, and that
+//! the contents of the other bank without a header were never in force.
 //!
 //! # Rot
-//! Flash may lose a bit. Who [recovers](Log::recover) a log is told: nothing that was written is
-//! then taken for something that was not. Who [opens](Log::open) it gets what is left: one flipped
-//! bit of a slot is put right, and so is a wrong key if all else is right, for the checksum tells
-//! which it was (no two of these have the same effect on a CRC-32). A record with more damage is
-//! lost, and with it what was written under its key before: that may be true no more. Its key is
-//! then the one that is read. So where the damage is to the key and to other bytes, what was
-//! written before under the right key comes back, and what was written before under the key that is
-//! read is lost. At the end of the log more damage is taken for a torn write, and what was written
-//! before stands.
+//! Flash may lose a bit. A user that [recovers](Log::recover) a log is told: no written record is then taken for
+//! one that was not. A user that [opens](Log::open) it gets what is left: one flipped bit of a slot is put right,
+//! and so is a wrong key if all else is right, for the checksum tells which it was (no two of these have the same
+//! effect on a CRC-32). A record with more damage is lost, and with it the records written under its key before:
+//! they may be true no more. Its key is then the one that is read. So where the damage is to the key and to other
+//! bytes, the record written before under the right key comes back, and those written before under the key that is
+//! read are lost. At the end of the log more damage is taken for a torn write, and the record written before
+//! stands.
 //!
 //! # Several users of one flash
 //! One log borrows the flash as `&mut F`. Users that live side by side each take a
@@ -164,7 +162,7 @@ impl<const SLOT: usize> defmt::Format for Entry<SLOT> {
     }
 }
 
-/// Why the log does not serve.
+/// Reason why the log does not serve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LogError<E> {
@@ -218,8 +216,8 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         self.0.into_flash()
     }
 
-    /// Opens the log, for whoever can do without a record: it is begun if it never was, and what
-    /// [rotted](self#rot) is left out.
+    /// Opens the log, for a user that can do without a record: it is begun if it never was, and records that
+    /// [rotted](self#rot) are left out.
     ///
     /// Neither bank having a header and no slot a record counts as never begun: so an erased range,
     /// any bytes that are not this log's, and a first opening that lost its power.
@@ -230,13 +228,12 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         self.0.open()
     }
 
-    /// Opens the log, for whoever must take neither an empty one for a new one nor an old record
-    /// for the newest. `Ok(false)` if it was never begun, or that was cut off: it is not open then.
-    /// A torn header counts as this only where nothing else is written.
+    /// Opens the log, for a user that must take neither an empty one for a new one nor an old record for the
+    /// newest. `Ok(false)` if it was never begun, or that was cut off: it is not open then. A torn header counts
+    /// as this only where nothing else is written.
     ///
-    /// Finds the valid bank and finishes what a loss of power interrupted. `after_tear` gets
-    /// the key and the value of every live record when the last write was torn, which may have been
-    /// of that record.
+    /// Finds the valid bank and finishes work that a loss of power interrupted. `after_tear` gets the key and the
+    /// value of every live record when the last write was torn, which may have been of that record.
     ///
     /// # Errors
     /// [`LogError::Corrupt`], or the flash failed.
@@ -281,7 +278,7 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         Ok(is_found.then(|| self.entry()))
     }
 
-    /// Where the newest record of each key from `first` on is, 0 for none, all in one pass. To be
+    /// Slot of the newest record of each key from `first` on, 0 for none, all in one pass. To be
     /// [read](Self::read) before anything else is written.
     ///
     /// # Errors

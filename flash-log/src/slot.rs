@@ -1,4 +1,4 @@
-//! The bytes of a slot, whatever its size.
+//! The bytes of a slot, of any size.
 
 use crate::crc::{Crc32, shifted};
 
@@ -10,7 +10,7 @@ const VERSION: u8 = 1;
 /// Key of a bank's header; its value starts with the generation.
 pub(super) const HEADER: u8 = 0xFF;
 
-/// What a slot holds.
+/// Content of a slot.
 #[derive(Clone, Copy)]
 pub(super) enum Content {
     Erased,
@@ -74,7 +74,7 @@ pub(super) fn inspect(slot: &mut [u8], mends: bool) -> Content {
     }
 }
 
-/// Of the header of a bank.
+/// Generation in the header of a bank.
 pub(super) fn generation(slot: &[u8]) -> Option<u32> {
     let value = slot.get(HEAD..).filter(|_| key(slot) == HEADER)?;
     Some(u32::from_le_bytes(*value.first_chunk()?))
@@ -98,7 +98,7 @@ fn mend(slot: &mut [u8], difference: u32) -> bool {
     let body = 8 * slot.len().saturating_sub(SUM);
     let in_sum = body + difference.trailing_zeros() as usize;
     let mut wrong = difference.is_power_of_two().then_some((in_sum, 1));
-    // What a flip makes of the checksum is shifted once for each bit that follows.
+    // The effect of a flip on the checksum is shifted once for each bit that follows.
     let mut effect = 1;
     let mut of_key = [0; 8];
     for bit in (0..body).rev() {

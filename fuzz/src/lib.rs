@@ -1,4 +1,4 @@
-//! Checks that hold for any input of what reads bytes, frames or files.
+//! Checks that hold for any input of code that reads bytes, frames or files.
 //!
 //! Each target takes bytes and panics where a promise is broken. They run in two ways:
 //!

@@ -1,4 +1,4 @@
-//! How fast the machinery of simulated networks is:
+//! Speed of the machinery of simulated networks:
 //! `cargo run --release -p host-sim --example machinery`.
 
 use std::{cell::Cell, rc::Rc, time::Instant};
@@ -133,8 +133,8 @@ fn network(nodes: u32, size: u32, seconds: Time) {
     );
 }
 
-/// Cameras before each of which is a ball, with the driver. They stream at 50 frames a second, or
-/// look for five packets at intervals of so many seconds, as at the stops of a target.
+/// Cameras with the driver, each before a ball. They stream at 50 frames a second, or look for five
+/// packets at intervals of so many seconds, as at the stops of a target.
 fn cameras(count: u64, seconds: Time, interval: Option<Time>) {
     const BAUD: u32 = 38_400;
     let mut executor = Executor::new();

@@ -1,7 +1,7 @@
-//! How fast video becomes packets, on one core:
+//! Speed of the way from video to packets, on one core:
 //! `cargo run --release -p host-sim --example video`.
 //!
-//! 1280 x 720 pixels in 4:2:0, read from memory as from a pipe; every picture is scaled, adapted to and
+//! 1280 x 720 pixels in 4:2:0, read from memory as from a pipe. Every picture is scaled, adapted to and
 //! tracked in, 50 of them a second.
 
 use std::{
@@ -15,7 +15,7 @@ use host_sim::video::Video;
 
 const SECOND: Time = 1_000_000_000;
 const FRAMES: usize = 500;
-/// Pictures that are kept in memory.
+/// Number of pictures that are kept in memory.
 const CLIP: usize = 20;
 const PERIOD: Time = SECOND / 50;
 

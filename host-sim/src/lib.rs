@@ -7,8 +7,8 @@
 //! | [`network`] | Runs a scenario: every node's firmware, in one world. |
 //! | [`console`] | Talks to the coordinator of a real network: members, poses, commands. |
 //! | [`live`] | The page on which people see it, from a server or a file. |
-//! | [`probe`] | Talks to a CMUcam2 on a serial port: what it sees, a picture, sightings for a file. |
-//! | [`tracking`] | How well a calibrated network follows objects without a radio. |
+//! | [`probe`] | Talks to a CMUcam2 on a serial port: its view, a picture, sightings for a file. |
+//! | [`tracking`] | Quality with which a calibrated network follows objects without a radio. |
 //! | [`video`] | Video of any camera, for an emulated CMUcam2 to look at. |
 
 #![forbid(unsafe_code)]

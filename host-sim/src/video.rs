@@ -21,18 +21,18 @@ const SIDE_MAX: u32 = 1 << 16;
 /// A header has at most so many bytes, for the decoder too.
 const HEADER_MAX: u64 = 1024;
 
-/// What ffmpeg writes if a stream does not say it otherwise.
+/// Word of the header for the full range of levels, as ffmpeg writes it.
 const FULL_RANGE: &[u8] = b"XCOLORRANGE=FULL";
 
-/// Why there is no video, or no more of it.
+/// Reason why there is no video, or no more of it.
 #[derive(Debug, thiserror::Error)]
 pub enum VideoError {
-    /// It begins with something else.
+    /// It begins with other bytes.
     #[error(
         "this is no YUV4MPEG2 stream: `ffmpeg -i INPUT -pix_fmt yuv420p -f yuv4mpegpipe -` makes one"
     )]
     OtherFormat,
-    /// Samples of more than 8 bits, or planes that nobody expects here.
+    /// Samples of more than 8 bits, or planes of another kind.
     #[error("pixels of this kind are not understood: give ffmpeg `-pix_fmt yuv420p`")]
     OtherPixels,
     /// A header without a rate or with an impossible one.
@@ -41,10 +41,10 @@ pub enum VideoError {
     /// More than 16 million pixels.
     #[error("the pictures are too large: give ffmpeg `-vf scale=1280:-2`")]
     TooLarge,
-    /// Not one picture.
+    /// There is no picture.
     #[error("there is no picture in it")]
     Empty,
-    /// After some frames comes something that is none.
+    /// Bytes after some frames are no frame.
     #[error("after {0} pictures comes something that is none")]
     Damaged(u64),
     /// The operating system's answer.
@@ -73,10 +73,10 @@ impl Video {
         Self::new(BufReader::with_capacity(1 << 16, File::open(path)?))
     }
 
-    /// Anything that can be read; the header is.
+    /// A video from any reader; its header is read.
     ///
     /// # Errors
-    /// What comes is no video, or of a kind that is not understood.
+    /// The stream is no video, or of a kind that is not supported.
     pub fn new(mut reader: impl BufRead + Send + 'static) -> Result<Self, VideoError> {
         let header = header(&mut reader)?;
         if !header.split(u8::is_ascii_whitespace).all(is_reasonable) {
@@ -120,12 +120,12 @@ impl Video {
         self.rate
     }
 
-    /// When the next picture is due, seconds after the first.
+    /// Time at which the next picture is due, seconds after the first.
     pub fn next_at(&self) -> f64 {
         self.read as f64 / self.rate
     }
 
-    /// The next picture; `None` after the last one. A picture that is cut off by the end is none.
+    /// The next picture; `None` after the last one. A picture that is cut off by the end does not count.
     ///
     /// # Errors
     /// It cannot be read.
@@ -159,11 +159,11 @@ impl Video {
         }))
     }
 
-    /// The picture that is shown so many seconds after the first: never an earlier one than before,
-    /// and the last one for ever.
+    /// The picture that is shown so many seconds after the first: never an earlier one than at the last
+    /// call, and the last one for ever.
     ///
     /// # Errors
-    /// One up to then cannot be read, or there is none at all.
+    /// A picture up to then cannot be read, or there is none at all.
     pub fn at(&mut self, seconds: f64) -> Result<Arc<Picture>, VideoError> {
         while self.shown.is_none() || self.next_at() <= seconds {
             match self.next_picture()? {
@@ -175,15 +175,15 @@ impl Video {
     }
 }
 
-/// The first line, or so much of it as a header may have.
+/// The first line, or as much of it as a header may have.
 fn header(reader: &mut impl BufRead) -> io::Result<Vec<u8>> {
     let mut header = Vec::new();
     reader.take(HEADER_MAX).read_until(b'\n', &mut header)?;
     Ok(header)
 }
 
-/// Whether a word of the header is no width or height that nobody's picture has. One that is no
-/// number is for the decoder to refuse.
+/// Returns false if a word of the header is a width or height that no picture has. The decoder refuses
+/// a word that is no number.
 fn is_reasonable(word: &[u8]) -> bool {
     let [b'W' | b'H', digits @ ..] = word else {
         return true;

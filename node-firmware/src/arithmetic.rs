@@ -4,14 +4,14 @@ use nalgebra::ComplexField;
 
 /// The square root of a variance, which may come out a rounding error below zero.
 pub(crate) fn root(variance: f32) -> f32 {
-    // `max` would make zero, the best of all sigmas, of what is not a number.
+    // `max` would make zero, the best of all sigmas, of a value that is not a number.
     let variance = if variance < 0.0 { 0.0 } else { variance };
     // Not the machine's own: `libm`, through nalgebra, everywhere.
     ComplexField::sqrt(variance)
 }
 
-/// Sorts a short list; equals keep their order. The library's sort is made for long lists, and takes
-/// six kilobytes of flash.
+/// Sorts a short list; equals keep their order. The library's sort is made for long lists, and takes six
+/// kilobytes of flash.
 pub(crate) fn sort<T>(values: &mut [T], is_before: impl Fn(&T, &T) -> bool) {
     for end in 1..values.len() {
         for place in (1..=end).rev() {

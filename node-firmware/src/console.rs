@@ -1,8 +1,9 @@
-//! What the coordinator and the PC on its serial line tell each other.
+//! Messages between the coordinator and the PC on its serial line.
 //!
 //! Each message is postcard with its CRC-32 (that of zip, little-endian) behind it, COBS-framed, and ends
-//! with a zero byte. A frame that does not decode is skipped: without the checksum, most flipped bits
-//! of a key would give the site another one, which nobody has. Numbers of variants are the format: variants are only added, at the end.
+//! with a zero byte. A frame that does not decode is skipped. Without the checksum, most flipped bits of a
+//! key would give the site another key, which no node has. Numbers of variants are the format: variants are
+//! only added, at the end.
 
 use flash_log::Crc32;
 use serde::{Deserialize, Serialize};
@@ -24,28 +25,28 @@ pub const FRAME_MAX: usize = 128;
 pub enum ToPc {
     /// The network runs; or `None`: the coordinator looks for a free one.
     Network(Option<NetworkInfo>),
-    /// Somebody is a member of the network, and said so again.
+    /// A member of the network, when it says hello.
     Member {
-        /// The one that it has in this network.
+        /// Its address in this network.
         address: MemberAddress,
-        /// What it says it is.
+        /// Its own description.
         hello: Hello,
     },
-    /// How far a camera is.
+    /// Status of a camera.
     Report {
         /// The camera's address.
         address: MemberAddress,
-        /// What it reports.
+        /// Its report.
         report: Report,
     },
-    /// What came of a command.
+    /// Result of a command.
     Done {
         /// The camera's address.
         address: MemberAddress,
         /// The result; `success` is also false when the camera could not be reached.
         done: CommandResult,
     },
-    /// What a camera that tracks sees now.
+    /// Present look of a camera that tracks.
     Tracked {
         /// The camera's address.
         address: MemberAddress,
@@ -56,7 +57,7 @@ pub enum ToPc {
     Sighting {
         /// The camera's address.
         address: MemberAddress,
-        /// With its number, and how many there are.
+        /// With its number, and the number of all.
         sighting: ListedSighting,
     },
     /// A member was sent away.
@@ -66,51 +67,52 @@ pub enum ToPc {
         /// It was a member.
         success: bool,
     },
-    /// How the last change of the site key goes; `None`: none was begun since the coordinator
-    /// started, or what was asked for is impossible. Told when one is asked for, and with all else.
+    /// Progress of the last change of the site key; `None`: none was begun since the coordinator started, or
+    /// the asked one is impossible. Told when one is asked for, and with all else.
     KeyChange(Option<KeyChangeReport>),
     /// About the identifier of the PAN. Told when a change is asked for, and, once another network with
     /// the same one was heard, with all else.
     Pan {
-        /// How many seconds ago a beacon of another network had the same one. Beacons can be forged.
+        /// Seconds since a beacon of another network had the same one. Beacons can be forged.
         conflict_s: Option<u32>,
         /// It changes now.
         changes: bool,
     },
-    /// How a member is, or the coordinator itself: told when that changes, and with all else.
+    /// Health of a member, or of the coordinator itself: told when it changes, and with all else.
     Health {
         /// Its address; the coordinator's is 0.
         address: MemberAddress,
-        /// What it told.
+        /// Its health as it told it.
         health: Health,
     },
-    /// A reference camera, without which nobody gets a pose, is not there, or is there again. Told of
-    /// the references before the first pose.
+    /// A reference camera is not there, or is there again. Without it no camera gets a pose. Told of the
+    /// references before the first pose.
     Reference {
         /// Its address.
         address: MemberAddress,
         /// It answers.
         present: bool,
     },
-    /// A target stands, or knows better where. Told again when something else was told of another one.
+    /// A target stands, or knows its place better. Told again when a stop of another target was told in
+    /// between.
     Stopped {
         /// Its address.
         address: MemberAddress,
         /// Number of the stop.
         stop: StopNumber,
-        /// Where it believes to stand; `None`: it does not know.
+        /// Its own estimate of its place; `None`: it does not know.
         place: Option<SitePlace>,
     },
-    /// Where something is that cameras that track see. Told ten times a second in all.
+    /// Place of an object that cameras that track see. Told ten times a second in all.
     Object {
-        /// Its number, which the next one to come does not have.
+        /// Its number, which the next object does not get.
         id: u16,
-        /// `None`: nobody sees it any more.
+        /// `None`: no camera sees it any more.
         object: Option<TrackedObject>,
     },
 }
 
-/// Where an object is.
+/// Place of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TrackedObject {
@@ -118,12 +120,12 @@ pub struct TrackedObject {
     pub place: SitePlace,
     /// Its velocity, units per second.
     pub velocity: [f32; 2],
-    /// How long ago a camera saw it, milliseconds.
+    /// Time since a camera saw it, milliseconds.
     pub unseen_ms: u16,
 }
 
 impl TrackedObject {
-    /// Whether all numbers are finite. What comes on a line may be anything.
+    /// Returns true if all numbers are finite. A line may bring anything.
     pub fn is_usable(&self) -> bool {
         let (place, covariance) = (&self.place.0, &self.place.1);
         let all = place.iter().chain(covariance).chain(&self.velocity);
@@ -141,7 +143,7 @@ pub struct KeyChangeReport {
     pub check: [u8; 3],
     /// It was offered to every member, and is in use.
     pub done: bool,
-    /// Members that did not say yet that they have it. They get it when they are heard again, unless a
+    /// Members that have not confirmed yet that they have it. They get it when they are heard again, unless a
     /// member is sent away or the key changes once more before.
     pub unreached: u8,
 }
@@ -168,7 +170,7 @@ pub enum FromPc {
     Command {
         /// The camera's address.
         address: MemberAddress,
-        /// What it is to do.
+        /// The command.
         command: CameraCommand,
     },
     /// Ask a camera for its sightings.
@@ -176,9 +178,8 @@ pub enum FromPc {
     /// Send a member away, for good if it is gone: its place is free then. If it is on the
     /// allow-list, or while a join window is open, it may come back.
     Remove(MemberAddress),
-    /// Give all members another site key, with another index: whoever has only the present one is
-    /// shut out then. It is the PC that draws it, at random, and keeps it: new members are
-    /// provisioned with it.
+    /// Give all members another site key, with another index. A node that has only the present one is shut
+    /// out then. The PC draws the key, at random, and keeps it: new members are provisioned with it.
     ChangeKey(SiteKey),
     /// Take another PAN identifier, and tell all members.
     ChangePan,

@@ -1,13 +1,12 @@
-//! What a role must not forget over a restart: facts in a log in flash.
+//! Facts that a role must not forget over a restart, in a log in flash.
 //!
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
 //! # Format, version 7
-//! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
-//! number of the [`Fact`]'s variant leads the value. One more record says of which node and role
-//! the facts are; where it is missing or another's, as in versions 1 to 6, they are not recalled, and the
-//! memory is begun anew.
+//! One record of the log for each fact. Its key says which, its value is the fact, postcard. The number of
+//! the [`Fact`]'s variant leads the value. One more record names the node and role of the facts. Where it is
+//! missing or another's, as in versions 1 to 6, they are not recalled, and the memory is begun anew.
 //!
 //! | key | fact |
 //! |---|---|
@@ -56,7 +55,7 @@ const KEYS: u8 = WALK_BEARINGS_FROM + BEARING_RECORDS;
 const KEYS_AT_A_TIME: u8 = 60;
 const _: () =
     assert!(KEYS.div_ceil(KEYS_AT_A_TIME) as u16 * (KEYS_AT_A_TIME as u16) < OWNER as u16);
-/// Key of the record that says whose the facts are.
+/// Key of the record that names the owner of the facts.
 const OWNER: u8 = 254;
 /// First byte of its value.
 const VERSION: u8 = 7;
@@ -74,15 +73,15 @@ pub const BEARINGS_PER_RECORD: usize = 6;
 pub(crate) const STOP_RECORDS: u8 = limits::WALK_STOPS.div_ceil(STOPS_PER_RECORD) as u8;
 pub(crate) const BEARING_RECORDS: u8 = limits::WALK_BEARINGS.div_ceil(BEARINGS_PER_RECORD) as u8;
 
-/// One thing to remember. Written again, it replaces what was written under the same key.
+/// One thing to remember. Written again, it replaces the former one under the same key.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fact {
-    /// A camera: how far it is. `None`: nothing.
+    /// A camera: its report. `None`: nothing.
     Report(Option<Report>),
-    /// Camera and coordinator: who the references are.
+    /// Camera and coordinator: the references.
     References(Option<References>),
-    /// A target: how it walks.
+    /// A target: its walk.
     Walk(Walk),
     /// A camera's sighting in this place of its list.
     Sighting(u8, Option<KeptSighting>),
@@ -90,7 +89,7 @@ pub enum Fact {
     ReferenceStop(u8, Option<ReferenceStop>),
     /// Target and coordinator: a camera in this place of the table.
     Camera(u8, Option<(MemberAddress, Report)>),
-    /// The first reference camera: how far the second is, which may not have heard it.
+    /// The first reference camera: the report of the second one, which may not have heard it.
     Posed(Option<Report>),
     /// A camera: the colours it learnt.
     Colours(Colours),
@@ -104,7 +103,7 @@ pub enum Fact {
     WalkBearings(u8, [Option<WalkBearing>; BEARINGS_PER_RECORD]),
 }
 
-/// Which fact: of each one there is one.
+/// Name of a fact: there is one fact for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FactKey {
     /// [`Fact::Report`].
@@ -141,7 +140,7 @@ const WALK_BEARINGS_FROM: u8 = WALK_STOPS_FROM + STOP_RECORDS;
 const _: () = assert!(KEYS < OWNER);
 
 impl FactKey {
-    /// The key of its record. What is beyond the end of a list has the key of its last place.
+    /// The key of its record. A place beyond the end of a list has the key of the last place.
     pub const fn record(self) -> u8 {
         const fn within(first: u8, place: u8, end: u8) -> u8 {
             let last = end - 1 - first;
@@ -182,7 +181,7 @@ impl FactKey {
 }
 
 impl Fact {
-    /// Which one it is.
+    /// Its name.
     pub const fn key(&self) -> FactKey {
         match self {
             Self::Report(_) => FactKey::Report,
@@ -204,29 +203,29 @@ impl Fact {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct KeptSighting {
-    /// Whom the camera saw.
+    /// Target that the camera saw.
     pub target: MemberAddress,
     /// By the target's own count.
     pub stop: StopNumber,
-    /// Where it said it stood, in the frame of the site.
+    /// Place where the target said that it stood, in the frame of the site.
     pub place: Place<f32>,
-    /// Where the camera saw it.
+    /// Direction in which the camera saw it.
     pub seen: Seen,
 }
 
-/// A stop that the reference cameras saw before anybody knew where it was.
+/// A stop that the reference cameras saw before its place was known.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReferenceStop {
-    /// Whom the camera saw.
+    /// Target that the camera saw.
     pub target: MemberAddress,
     /// By the target's own count.
     pub stop: StopNumber,
-    /// Where it was in the target's own frame, once told.
+    /// Its place in the target's own frame, once told.
     pub place: Option<Place<f32>>,
-    /// Where this camera saw it.
+    /// Direction in which this camera saw it.
     pub own: Option<Seen>,
-    /// Where the other reference camera saw it.
+    /// Direction in which the other reference camera saw it.
     pub other: Option<Seen>,
 }
 
@@ -234,14 +233,14 @@ pub struct ReferenceStop {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Colours {
-    /// Checksum of those of its configuration at that time: with others, what was learnt is out of
+    /// Checksum of the colours of its configuration at that time: with others, the learnt ones are out of
     /// date.
     pub configured: u32,
-    /// Those learnt, which count instead.
+    /// The learnt ones, which count instead.
     pub learnt: [Option<ColourWindow>; COLOURS_MAX],
 }
 
-/// What a target remembers of its walk. Written at each stop and when it leaves one.
+/// Facts of a target about its walk. Written at each stop and when it leaves one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Walk {
@@ -249,7 +248,7 @@ pub struct Walk {
     pub stop: StopNumber,
     /// It stands there. If not, its place is lost by a restart.
     pub standing: bool,
-    /// Where it stood.
+    /// Place where it stood.
     pub place: Place<f32>,
     /// The place is one of the site.
     pub located: bool,
@@ -257,11 +256,11 @@ pub struct Walk {
     pub frame_heading: Option<f32>,
     /// Its standard deviation.
     pub frame_heading_sigma: f32,
-    /// What the step sensor reads over the true length, as far as it was estimated; one at first.
+    /// Ratio of the step sensor's reading to the true length, as far as it was estimated; one at first.
     pub scale: f32,
 }
 
-/// A stop of a walk, and how the target came there.
+/// A stop of a walk, and the way by which the target came there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WalkStop {
@@ -276,8 +275,7 @@ pub struct WalkStop {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WalkLeg {
-    /// The stop at which it began. If that is not the one that is known before, it is no way from
-    /// there.
+    /// The stop at which it began. If that is not the known stop before, it is no way from there.
     #[serde(with = "postcard::fixint::le")]
     pub from: StopNumber,
     /// Displacement, units of length.
@@ -286,7 +284,7 @@ pub struct WalkLeg {
     pub covariance: [f32; 3],
 }
 
-/// What a camera saw of a target at a stop of its walk.
+/// A camera's measurement of a target at a stop of its walk.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WalkBearing {
@@ -296,7 +294,7 @@ pub struct WalkBearing {
     /// The camera.
     #[serde(with = "postcard::fixint::le")]
     pub camera: MemberAddress,
-    /// What it measured.
+    /// Quantity that it measured.
     pub quantity: Quantity,
     /// Radians to the left of its axis, or units of length.
     pub value: f32,
@@ -354,12 +352,12 @@ impl<F: NorFlash> FactStore<F> {
     }
 
     /// Remembers nothing from now on, and writes nothing: the flash does not serve, and the role goes on
-    /// with what it has in RAM.
+    /// with its facts in RAM.
     pub const fn abandon(&mut self) {
         self.is_abandoned = true;
     }
 
-    /// Whether that is so.
+    /// Returns true if it was [abandoned](Self::abandon).
     pub const fn is_abandoned(&self) -> bool {
         self.is_abandoned
     }
@@ -368,7 +366,7 @@ impl<F: NorFlash> FactStore<F> {
     /// those of that network.
     ///
     /// # Errors
-    /// The flash failed, or it was abandoned: what is in it may be read at the next start.
+    /// The flash failed, or it was abandoned: its contents may be read at the next start.
     pub async fn forget(&mut self) -> Result<(), LogError<F::Error>> {
         if self.is_abandoned {
             return Err(LogError::NotOpen);
@@ -376,7 +374,7 @@ impl<F: NorFlash> FactStore<F> {
         self.log.begin(&[self.owner]).await
     }
 
-    /// Every fact that is remembered and understood, to `take`, in the order of their keys.
+    /// Passes every fact that is remembered and understood to `take`, in the order of their keys.
     ///
     /// # Errors
     /// The flash failed.

@@ -1,4 +1,4 @@
-//! What a board or a simulation gives a node: [`Hardware`] names the drivers, [`Peripherals`] holds
+//! Parts that a board or a simulation gives a node: [`Hardware`] names the drivers, [`Peripherals`] holds
 //! them.
 //!
 //! Steps, lamps and buttons are traits of this module; the other traits are those that drivers have
@@ -18,16 +18,16 @@ use zigbee_link::{radio::Radio, runner::Clock, wire::ShortAddress};
 
 use crate::{facts::Fact, message::Message};
 
-/// Which drivers a node runs on. Implemented by a type that stands for the board; it needs no value.
+/// The drivers that a node runs on. Implemented by a type that stands for the board; it needs no value.
 pub trait Hardware {
     /// The line to a camera's CMUcam2, or to a coordinator's PC; unused by a target. Reads must be
     /// cancel-safe.
     type Uart: Read + Write;
-    /// What sends and receives frames of IEEE 802.15.4, on the chip or on a co-processor.
+    /// The radio for frames of IEEE 802.15.4, on the chip or on a co-processor.
     type Radio: Radio;
     /// Time since any one moment, and waiting for a time.
     type Clock: Clock;
-    /// Where the node keeps what it must not forget.
+    /// The flash for facts that the node must not forget.
     type Flash: NorFlash;
     /// A target's step sensor.
     type Steps: StepSensor;
@@ -35,11 +35,11 @@ pub trait Hardware {
     type Indicator: Indicator;
     /// Buttons; `()` for none.
     type Buttons: Buttons;
-    /// Who watches; `()` for nobody.
+    /// The observer; `()` for none.
     type Observer: Observer;
 }
 
-/// The drivers of a [`Hardware`], and what differs from board to board and from start to start.
+/// The drivers of a [`Hardware`], and values that differ from board to board and from start to start.
 pub struct Peripherals<H: Hardware> {
     /// See [`Hardware::Uart`].
     pub uart: H::Uart,
@@ -49,19 +49,18 @@ pub struct Peripherals<H: Hardware> {
     pub clock: H::Clock,
     /// The flash of `layout`.
     pub flash: H::Flash,
-    /// Which part of the flash is for what.
+    /// Use of the parts of the flash.
     pub layout: FlashLayout,
     /// A target's step sensor.
     pub steps: H::Steps,
     /// Dark so far.
     pub indicator: H::Indicator,
-    /// See [`Button`] for what each asks for.
+    /// See [`Button`] for the request of each.
     pub buttons: H::Buttons,
     /// Called in the middle of the node's work: it must not wait.
     pub observer: H::Observer,
-    /// Random, another one at each start. A node that remembers nothing draws its extended address
-    /// from it, so that one that comes twice may repeat nonces: of a board, 64 bits of a true random
-    /// number generator.
+    /// Random, another one at each start. A node that remembers nothing draws its extended address from it,
+    /// so a value that comes twice may repeat nonces: on a board, 64 bits of a true random number generator.
     pub seed: u64,
 }
 
@@ -74,9 +73,9 @@ pub struct FlashLayout {
     pub facts: Range<u32>,
 }
 
-/// The sensor that tells a target how it moves.
+/// The sensor that tells a target its movements.
 pub trait StepSensor {
-    /// What can go wrong.
+    /// Failure of the sensor.
     type Error: Debug;
 
     /// The next step. While the target stands there is none. Cancel-safe.
@@ -94,7 +93,7 @@ impl<S: StepSensor> StepSensor for &mut S {
     }
 }
 
-/// Lamps, or whatever shows people how it goes.
+/// Lamps, or another display of the state for people.
 pub trait Indicator {
     /// Shows this from now on.
     fn show(&mut self, indication: Indication);
@@ -105,7 +104,7 @@ impl Indicator for () {
     fn show(&mut self, _: Indication) {}
 }
 
-/// What people should know.
+/// State to show to people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Indication {
@@ -113,14 +112,14 @@ pub struct Indication {
     pub joined: bool,
     /// A camera saw the target at the last stop; a target was seen at it.
     pub target_seen: bool,
-    /// A camera is [calibrated](calib_core::Status::Calibrated), of a coordinator's one or more; a
-    /// target knows its place.
+    /// A camera is [calibrated](calib_core::Status::Calibrated); for a coordinator, one or more are; a target
+    /// knows its place.
     pub calibrated: bool,
-    /// A target may walk on: everybody has looked.
+    /// A target may walk on: all cameras have looked.
     pub may_walk: bool,
 }
 
-/// Somebody who watches a node without taking part: a simulation, a debugger. `()` does not look.
+/// An observer of a node that takes no part: a simulation, a debugger. `()` does not look.
 pub trait Observer {
     /// The node hands a message to its link.
     fn sends(&mut self, _to: ShortAddress, _message: &Message) {}
@@ -144,13 +143,13 @@ impl Buttons for () {
     }
 }
 
-/// What a button asks for.
+/// Request of a button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Button {
     /// Coordinator: let new devices join for a while.
     JoinWindow,
-    /// Camera: learn the colour of what is in the middle of the view.
+    /// Camera: learn the colour of the object in the middle of the view.
     LearnColour,
 }

@@ -1,7 +1,7 @@
 //! Numbers that configuration, messages, facts, roles and console share.
 //!
-//! What only one format has stands with it: bytes of a configuration page, of a fact, of a frame of
-//! the console.
+//! A number of only one format stands with it: bytes of a configuration page, of a fact, of a frame of the
+//! console.
 
 use core::ops::RangeInclusive;
 
@@ -24,11 +24,11 @@ pub const SIGHTINGS: usize = 16;
 /// Most stops that a reference camera keeps until it is calibrated.
 pub const REFERENCE_STOPS: usize = 12;
 
-/// Most stops of a walk that are written down: so many places there are for them.
+/// Most stops of a walk that are written down: the flash has so many places for them.
 pub const WALK_STOPS: usize = 100;
 
-/// Most stops that a target estimates together. What is kept of their equations grows with the square: 82 KB for
-/// 100 stops, 27 KB for 56.
+/// Most stops that a target estimates together. The kept part of their equations grows with the square: 82 KB
+/// for 100 stops, 27 KB for 56.
 pub const ESTIMATED_STOPS: usize = if cfg!(feature = "long-walks") {
     100
 } else {

@@ -1,13 +1,14 @@
-//! Whether radio, camera and flash still work, for a watchdog and for people.
+//! Check that radio, camera and flash still work, for a watchdog and for people.
 //!
-//! That the executor runs is not enough: a radio may go deaf or not end a transmission, and a driver may
-//! wait for what never comes. Who uses them reports to a [`Liveness`], and whoever feeds a watchdog
-//! asks it before. When it says no, the board keeps the reason over its restart, and the node tells it: see
-//! [`Health`](crate::message::Health). A flash that does not serve is told likewise, but is no reason to restart.
+//! It is not enough that the executor runs: a radio may go deaf or not end a transmission, and a driver may
+//! wait for an event that never comes. The users of these devices report to a [`Liveness`], and the code that
+//! feeds a watchdog asks it before. When it says no, the board keeps the reason over its restart, and the
+//! node tells it: see [`Health`](crate::message::Health). A flash that does not serve is told likewise, but
+//! is no reason to restart.
 //!
-//! A radio that hears nothing may be alone. So only one that has heard others in this run counts as deaf,
-//! when it has sent often since, and after a restart for that reason not before an hour is over: a node that
-//! is alone loses nothing.
+//! A radio that hears nothing may be alone. So a radio counts as deaf only if it has heard others in this run
+//! and has sent often since. After a restart for that reason it does not count as deaf before an hour is
+//! over: a node that is alone loses nothing.
 
 use core::{cell::Cell, time::Duration};
 
@@ -26,7 +27,7 @@ const DEAF: Duration = Duration::from_secs(600);
 /// The same after a restart that did not help, or that was not needed.
 const DEAF_AGAIN: Duration = Duration::from_secs(3600);
 
-/// And has sent so often since it heard something what somebody would have answered.
+/// Transmissions that call for an answer, sent since it last heard anything.
 const UNANSWERED: u8 = 20;
 
 /// No transmission takes longer, its waits for a free channel included.
@@ -35,20 +36,20 @@ const TRANSMISSION: Duration = Duration::from_secs(10);
 /// No start, look or command of a camera takes longer.
 const CAMERA: Duration = Duration::from_secs(120);
 
-/// What radio and camera are doing.
+/// Present work of radio and camera.
 #[derive(Clone, Copy, Debug, Default)]
 struct State {
-    /// When something was heard last.
+    /// Time when something was heard last.
     heard: Option<Instant>,
     /// Transmissions since to which an answer was due.
     unanswered: u8,
     /// The transmission under way began then.
     sending: Option<Instant>,
-    /// What the camera is doing began then.
+    /// The present work of the camera began then.
     working: Option<Instant>,
 }
 
-/// Whether radio, camera and flash still work. See the [module](self).
+/// Check that radio, camera and flash still work. See the [module](self).
 #[derive(Debug)]
 pub struct Liveness {
     restart: Restart,
@@ -57,7 +58,7 @@ pub struct Liveness {
 }
 
 impl Liveness {
-    /// Of a node that started for this reason.
+    /// Liveness of a node that started for this reason.
     pub const fn new(restart: Restart) -> Self {
         Self {
             restart,
@@ -71,12 +72,12 @@ impl Liveness {
         }
     }
 
-    /// Why the node started.
+    /// Reason why the node started.
     pub const fn restart(&self) -> Restart {
         self.restart
     }
 
-    /// Where the node remembers things: link and role, or one of them alone.
+    /// Memory of the node's facts: link and role, or one of them alone.
     pub fn memory(&self) -> Memory {
         self.memory.get()
     }
@@ -86,7 +87,7 @@ impl Liveness {
         self.memory.set(Memory::Ram);
     }
 
-    /// The radio heard something, of whomever.
+    /// The radio heard something, from any sender.
     pub fn on_heard(&self, now: Instant) {
         self.state.set(State {
             heard: Some(now),
@@ -103,7 +104,7 @@ impl Liveness {
         });
     }
 
-    /// That is over, and somebody would answer it or not.
+    /// That is over, and an answer to it is due or not.
     pub fn on_sent(&self, is_answered: bool) {
         let state = self.state.get();
         self.state.set(State {
@@ -129,7 +130,7 @@ impl Liveness {
         });
     }
 
-    /// Whether a watchdog may be fed.
+    /// Returns `Ok` while a watchdog may be fed.
     ///
     /// # Errors
     /// The node has to be restarted, for this reason.
@@ -154,7 +155,7 @@ impl Liveness {
     }
 }
 
-/// Whether somebody would answer a frame: not what is told to everybody, but a search for networks.
+/// Returns true if an answer to a frame is due: not to a message for all, but to a search for networks.
 fn is_answered(frame: &[u8]) -> bool {
     const EVERYBODY: Option<Address> = Some(Address::Short(ShortAddress::BROADCAST));
     Frame::parse(frame).is_ok_and(|frame| {
@@ -261,7 +262,7 @@ mod tests {
         for (restart, limit) in [(Restart::Ordinary, 600), (Restart::RadioDeaf, 3600)] {
             let liveness = Liveness::new(restart);
             liveness.on_heard(at(1000));
-            // Nobody has reason to answer one that says nothing.
+            // No node has reason to answer one that says nothing.
             send(&liveness, 1000, 19);
             assert_eq!(liveness.check(at(100_000)), Ok(()));
             send(&liveness, 1000, 1);

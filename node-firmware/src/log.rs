@@ -1,4 +1,4 @@
-//! Logs to `log`, to `defmt`, to both or to nobody. Arguments are `Display` and `defmt::Format`.
+//! Logs to `log`, to `defmt`, to both or to neither. Arguments are `Display` and `defmt::Format`.
 //!
 //! `cmucam2-driver`, `zigbee-link` and `node-firmware` have this same file: none needs another for it.
 #![allow(unused_macros, unused_imports, reason = "the same file in each crate")]

@@ -1,15 +1,15 @@
 //! The seam between roles and the network that carries their messages.
 //!
-//! Roles need little of it: a message goes to a member or to all, it is known whether it arrived, and
-//! a node knows when it is attached, and whether that is still the same network. Whatever gives that
-//! can carry them, over one hop or many: [`run`](crate::run::run) connects them to `zigbee_link`,
+//! Roles need little of it: a message goes to a member or to all, its arrival is known, and a node knows when
+//! it is attached, and whether that is still the same network. Any network that gives that can carry them,
+//! over one hop or many: [`run`](crate::run::run) connects them to `zigbee_link`,
 //! [`run_over`](crate::run::run_over) to anything else.
 //!
-//! What a network promises:
-//! - Whoever a message comes from is a member, and said just this. Nothing is from somebody outside.
+//! Promises of a network:
+//! - The sender of a message is a member, and said just this. No message comes from outside.
 //! - A message arrives whole or not at all, in any order, perhaps twice, and perhaps late.
-//! - A message to one member is settled within about a minute, whether it arrived or not. One to all
-//!   is settled when it is sent, for nobody knows who heard it.
+//! - A message to one member is settled within about a minute, whether it arrived or not. One to all is
+//!   settled when it is sent, for its receivers are not known.
 //! - The coordinator's address is [`COORDINATOR`](crate::role::COORDINATOR). An address is one member's
 //!   for as long as the [`Attachment`]s of all stay the same.
 
@@ -40,19 +40,19 @@ pub trait Network {
         receipt: Receipt,
     ) -> Result<Self::Ticket, PostError>;
 
-    /// Waits for what happens next. Cancel-safe: what was not returned is told next time. `known` is
+    /// Waits for the next event. Cancel-safe: an event that was not returned is told next time. `known` is
     /// the attachment that the caller knows.
     fn happened(
         &self,
         known: Option<Attachment>,
     ) -> impl Future<Output = NetworkEvent<Self::Ticket>>;
 
-    /// The node should rather be in the network of the site that it hears best: it looks for that, and
-    /// tells by events where it is attached. Nothing happens where there is only one network.
+    /// The node should rather be in the network of the site that it hears best. It looks for that, and tells
+    /// by events where it is attached. Nothing happens where there is only one network.
     fn roam(&self) {}
 }
 
-/// Whether it is to be known that a message to one member arrived.
+/// Request for a receipt of a message to one member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Receipt {
@@ -62,54 +62,55 @@ pub enum Receipt {
     NotWanted,
 }
 
-/// What only people at the coordinator ask of a network. Whoever is no coordinator answers that there is
-/// nothing.
+/// Administration of a network by people at the coordinator. A node that is no coordinator answers that there
+/// is nothing.
 pub trait Administration {
-    /// What people call the network, if it runs.
+    /// Identifier and channel of the network, if it runs.
     fn info(&self) -> Option<NetworkInfo>;
 
     /// Lets any device with the site key join for a while.
     fn open_join_window(&self, time: Duration);
 
-    /// Sends a member away. Whether it was one.
+    /// Sends a member away. Returns true if it was one.
     fn remove(&self, member: ShortAddress) -> bool;
 
-    /// Begins to take another identifier, because somebody else's network has the same one. Whether it
+    /// Begins to take another identifier, because a foreign network has the same one. Returns true if it
     /// could begin.
     fn change_identifier(&self) -> bool;
 
-    /// So many seconds ago such a network was last heard.
+    /// Seconds since such a network was last heard.
     fn conflict_s(&self) -> Option<u32>;
 
-    /// Begins to give all members another site key. Whether it could begin.
+    /// Begins to give all members another site key. Returns true if it could begin.
     fn change_key(&self, key: SiteKey) -> bool;
 
-    /// How the last change of the site key goes.
+    /// Progress of the last change of the site key.
     fn key_change(&self) -> Option<KeyChangeReport>;
 }
 
-/// Where a node is attached. As long as it is the same, addresses are the same members'.
+/// Attachment of a node. As long as it is the same, addresses are the same members'.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Attachment {
-    /// Which network it is.
+    /// Identity of the network.
     pub network: NetworkIdentity,
     /// The own address there.
     pub own: MemberAddress,
 }
 
-/// Which network it is, of all that there are and were. What its numbers mean, only the network knows.
+/// Identity of a network, among all present and former ones. Only the network knows the meaning of its
+/// numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NetworkIdentity {
     /// Tells those apart that one founder formed one after the other. It may change while a node is
     /// attached, without a change of addresses.
     pub number: u16,
-    /// Who formed it.
+    /// Founder of the network.
     pub founder: [u8; 8],
 }
 
-/// What happened in a network.
+/// Event in a network.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NetworkEvent<Ticket> {
@@ -117,7 +118,7 @@ pub enum NetworkEvent<Ticket> {
     Message(ShortAddress, Message),
     /// A message that was posted arrived, or it is not known to have arrived. Told once of each.
     Settled {
-        /// What [`Network::post`] returned.
+        /// Result of [`Network::post`].
         ticket: Ticket,
         /// It arrived; of a message to all: it was sent.
         delivered: bool,
@@ -126,13 +127,13 @@ pub enum NetworkEvent<Ticket> {
     Attached(Option<Attachment>),
 }
 
-/// Why a message was not taken.
+/// Reason why a message was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PostError {
     /// Too many are on their way: try again after the next event.
     Full,
-    /// It cannot be sent: to nobody, too long, or not attached.
+    /// It cannot be sent: no receiver, too long, or not attached.
     Refused,
 }
 

@@ -1,5 +1,5 @@
-//! Runs any images for an nRF52840, which hear each other, and prints what each logs by defmt over RTT, and
-//! what was wrong: `run SECONDS ELF... [--echo]`. `--echo` connects each one's lines of UARTE0.
+//! Runs any images for an nRF52840, which hear each other. Prints what each logs by defmt over RTT, and its
+//! faults: `run SECONDS ELF... [--echo]`. `--echo` connects each one's lines of UARTE0.
 
 use std::{collections::VecDeque, env, error::Error, fs};
 
@@ -10,7 +10,7 @@ const S: f64 = 1e9;
 /// 40 dB above the least that is heard.
 const LEVEL: u8 = 40;
 
-/// What is sent comes back.
+/// A peer that sends back the bytes it receives.
 #[derive(Debug, Default)]
 struct Echo(VecDeque<(u64, u8)>);
 

@@ -1,4 +1,4 @@
-//! Programs that run alone on a chip and print over semihosting, to whoever debugs them.
+//! Programs that run alone on a chip and print over semihosting, to their debugger.
 
 use std::{collections::BTreeMap, fmt, path::Path};
 
@@ -15,7 +15,7 @@ use crate::{
     soc::{Board, Soc},
 };
 
-/// What it has printed.
+/// Output so far.
 #[derive(Debug, Default)]
 struct Printed(Vec<u8>);
 
@@ -34,7 +34,7 @@ impl Driver<Board> for Printed {
     }
 }
 
-/// Runs a program, an ELF file, until it says that it has ended: what it prints.
+/// Runs a program, an ELF file, until it says that it has ended. Returns its output.
 ///
 /// # Errors
 /// It cannot be run, says that it failed, or has not ended after so many nanoseconds.

@@ -1,4 +1,4 @@
-//! What a chip draws, from how long it did what.
+//! Current that a chip draws, from the times for which its parts were on.
 //!
 //! Currents are the typical ones of the Product Specification, "Current consumption": 3 V, 25 degrees, with
 //! the DC/DC regulator. The specification tells none for UARTE: that of the nRF5340 is taken, which counts the
@@ -11,16 +11,16 @@ use crate::node::Outcome;
 const RECEIVING: f64 = 6.53;
 /// `I_RADIO_TX2`, `I_RADIO_TX5` and `I_RADIO_TX0`: by the power sent, dBm; mA.
 const SENDING: [(f64, f64); 3] = [(-40.0, 3.83), (0.0, 6.40), (8.0, 16.40)];
-/// What the processor adds to a radio that receives: "Compounded", `I_S1`, less `I_RADIO_RX0`; mA.
+/// Current that the processor adds to a radio that receives: "Compounded", `I_S1`, less `I_RADIO_RX0`; mA.
 const RUNNING: f64 = 8.6 - 6.26;
 /// "Sleep", `I_ON_RAMON_RTC`: all RAM is kept, and RTC runs; mA.
 const ASLEEP: f64 = 0.003_16;
-/// nRF5340 Product Specification, "Current consumption", `I_UARTE,IDLE1`: the receiver waits; and what
-/// `I_UARTE1` is more, while bytes are on the line; mA.
+/// nRF5340 Product Specification, "Current consumption", `I_UARTE,IDLE1`: the receiver waits; and the surplus of
+/// `I_UARTE1`, while bytes are on the line; mA.
 const LINE: [f64; 2] = [0.840, 0.890 - 0.840];
 const HZ: f64 = 64e6;
 
-/// Mean currents, mA, by what they are for.
+/// Mean currents, mA, by their purpose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Current {
     /// The radio listens or receives.
@@ -36,7 +36,7 @@ pub struct Current {
 }
 
 impl Current {
-    /// Of a chip that sends with so many dBm, over all of the time it had power.
+    /// Mean currents of a chip that sends with so many dBm, over all of the time it had power.
     pub fn of(outcome: &Outcome, power: i8) -> Self {
         let share = |nanoseconds: u64| nanoseconds as f64 / outcome.powered.max(1) as f64;
         let [receiving, sending] = outcome.radio_on.map(share);
@@ -75,13 +75,13 @@ impl Current {
         }
     }
 
-    /// How long a battery of so many mAh lasts, hours.
+    /// Life of a battery of so many mAh, hours.
     pub fn hours(&self, capacity: f64) -> f64 {
         capacity / self.total()
     }
 }
 
-/// In proportion between what is known.
+/// In proportion between the known values.
 fn at(power: f64) -> f64 {
     let [(low, least), (middle, usual), (high, most)] = SENDING;
     let between = |(from, a): (f64, f64), (to, b): (f64, f64)| {

@@ -1,12 +1,13 @@
 //! An nRF52840 in virtual time: the image that is flashed runs unchanged, on models of the peripherals.
 //!
-//! The processor is that of the crate `rigless`. The [peripherals](peripheral) are written from the
-//! Product Specification (Nordic Semiconductor, nRF52840 PS v1.7), whose chapters are named in quotation
-//! marks; what it forbids and a program does is [told](Outcome::forbidden). They check glue, addresses,
-//! pins, order and time; of silicon and its errata they know nothing.
+//! The processor is that of the crate `rigless`. The [peripherals](peripheral) are written from the Product
+//! Specification (Nordic Semiconductor, nRF52840 PS v1.7), whose chapters are named in quotation marks; a
+//! program's breaches of it are [told](Outcome::forbidden). They check glue, addresses, pins, order and time; of
+//! silicon and its errata they know nothing.
 //!
-//! [`run`] lets several chips hear each other; in a [`Network`] they can be switched on and off, and what
-//! is outside is somebody else's. [`print`](print()) runs a program alone. It is deterministic: the same nodes do the same.
+//! [`run`] lets several chips hear each other; in a [`Network`] they can be switched on and off, and the caller
+//! provides their surroundings. [`print`](print()) runs a program alone. It is deterministic: the same nodes do
+//! the same.
 
 #![deny(unsafe_code)]
 

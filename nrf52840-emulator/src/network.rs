@@ -1,9 +1,9 @@
 //! Chips that hear each other, each in a thread of its own, of which one runs at a time.
 //!
-//! A frame is told 130 us before it is on the air, when its radio ramps up. So no chip can be heard
-//! sooner than [`AHEAD`] after the instant at which it next does something. Each chip runs for so long
-//! after the first instant of all others, or until it does something itself that is seen outside: what
-//! comes of that may come back to it. An idle one waits for its next event.
+//! A frame is told 130 us before it is on the air, when its radio ramps up. So no chip can be heard sooner than
+//! [`AHEAD`] after the instant at which it next does something. Each chip runs for so long after the first instant
+//! of all others, or until it does something itself that is seen outside, which may act back on it. An idle one
+//! waits for its next event.
 
 use std::{
     any::Any,
@@ -21,39 +21,39 @@ use crate::{
 /// A little less than a ramp-up, also of the fastest clock.
 const AHEAD: u64 = RAMP_UP - US;
 
-/// Until when a chip has run, when it does something next, and what it did since it was last asked.
+/// Instant until which a chip has run, instant when it next does something, and its deeds since it was last asked.
 #[derive(Default)]
 pub(crate) struct Report {
     pub(crate) reached: u64,
     pub(crate) next: u64,
     pub(crate) deeds: Vec<(u64, Deed)>,
-    /// How often what is in its flash has changed.
+    /// Number of changes of its flash so far.
     pub(crate) changes: usize,
-    /// What is there, if that was to be shown.
+    /// Contents of the flash, if they were to be shown.
     pub(crate) shown: Option<Contents>,
 }
 
-/// What a program writes: addresses, and what is there and behind them.
+/// Parts of the flash that a program writes: addresses, and the bytes from there on.
 pub(crate) type Contents = Vec<(u64, Vec<u8>)>;
 
-/// What a chip is to do.
+/// Order to a chip.
 #[derive(Debug)]
 pub(crate) enum Order {
-    /// To run until an instant, and what happens to it by then.
+    /// To run until an instant, with the events that happen to it by then.
     Run { until: u64, inputs: Vec<Input> },
-    /// To show what programs write, and to do nothing else: it is to go on as if nobody looked.
+    /// To show what programs write, and to do nothing else: it is to go on as if it was not looked at.
     Show,
 }
 
-/// What happens to a chip.
+/// Event that happens to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
     /// A frame arrives. It must not have begun.
     Frame(Frame, Arrival),
     /// A byte on the line of UARTE0 is over at an instant, or now if that has passed.
     Byte(u64, u8),
-    /// In the middle of the next work on its flash it stands still, and what is there then is what it leaves:
-    /// power is about to go.
+    /// In the middle of the next work on its flash it stands still, and leaves the flash as it is then: power is
+    /// about to go.
     StandInWrite,
     /// A node has lost its power: what it sends now is not received whole.
     CutOff(usize),
@@ -63,12 +63,12 @@ pub enum Input {
     Pulls(u64, u8, u32),
     /// Bits of its flash flip: addresses, and numbers of bits there.
     Rot(Vec<(u64, u8)>),
-    /// [`MEMORY`](crate::MEMORY) keeps what it holds, whatever is written or erased.
+    /// [`MEMORY`](crate::MEMORY) keeps what it holds, though it is written or erased.
     WearOut,
 }
 
 impl Input {
-    /// When there is something to do because of it.
+    /// Time when the chip has something to do because of it.
     fn at(&self) -> u64 {
         match self {
             Self::Frame(frame, _) => frame.start,
@@ -80,7 +80,7 @@ impl Input {
     }
 }
 
-/// What a chip does that is seen outside.
+/// Deed of a chip that is seen outside.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Deed {
     /// It is about to send a frame.
@@ -91,7 +91,7 @@ pub enum Deed {
     Uart(Wires),
     /// TWIM0 has data and clock on these wires from now on.
     I2c(Wires),
-    /// What the pins of a port drive has changed: the port, and its pins; those of inputs count as high.
+    /// The levels that a port drives have changed: the port, and its pins; those of inputs count as high.
     Pins(u8, u32),
     /// Bytes of the first channel of RTT.
     Log(Vec<u8>),
@@ -99,7 +99,7 @@ pub enum Deed {
     Writes(u64),
     /// It restarts, by order of `Core` or a peripheral; whether it had written UICR, which is valid from now on.
     Reset(String, bool),
-    /// It has ended by itself: why.
+    /// It has ended by itself: the reason.
     Fails(String),
 }
 
@@ -109,11 +109,12 @@ struct Running {
     thread: Option<JoinHandle<Result<Outcome, String>>>,
     next: u64,
     inputs: Vec<Input>,
-    /// How often what is in its flash has changed, and had when it was last shown; and what it shows.
+    /// Number of changes of its flash so far, and at the time when it was last shown; and the contents that it
+    /// shows.
     changes: usize,
     known: usize,
     shown: Option<Contents>,
-    /// What it is to do, whether it is its turn, and who wakes it then.
+    /// Its order, a flag that it is its turn, and the bell that wakes it then.
     order: Option<Order>,
     is_next: bool,
     bell: Arc<Condvar>,
@@ -125,25 +126,25 @@ struct Running {
     has_ended: bool,
 }
 
-/// What the chips share: whoever is the last to tell what it did says who goes on, and goes on itself if it
-/// is to. So a chip that is alone awake wakes nobody.
+/// State that the chips share. The last chip to tell its deeds says which goes on, and goes on itself if it is the
+/// one. So a chip that is alone awake wakes no other.
 #[derive(Debug, Default)]
 struct State {
     chips: BTreeMap<usize, Running>,
     running: usize,
     /// Those of them whose turn comes.
     waiting: VecDeque<usize>,
-    /// Until when they go on by themselves; not at all once a deed is to be told.
+    /// Instant until which they go on by themselves; not at all once a deed is to be told.
     until: u64,
     reached: u64,
     deeds: Vec<(u64, usize, Deed)>,
 }
 
-/// What chips and whoever runs them share.
+/// State that the chips share with the thread that runs them.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
     state: Mutex<State>,
-    /// Rings when nobody runs.
+    /// Rings when no chip runs.
     rest: Arc<Condvar>,
 }
 
@@ -152,8 +153,8 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A chip tells what it did, and waits for what it is to do; nothing once its power goes. Before it waits,
-    /// it leaves what others may need.
+    /// A chip tells its deeds, and waits for its next order; none once its power goes. Before it waits, it leaves
+    /// what others may need.
     pub(crate) fn report(
         &self,
         number: usize,
@@ -165,7 +166,7 @@ impl Shared {
         let bell = self.rests(&mut state, number);
         let goes_on = { state.chips.get(&number) }.is_none_or(|chip| chip.is_next);
         if !goes_on {
-            // Whoever is woken finds everything free.
+            // A thread that is woken finds everything free.
             drop(state);
             leave();
             bell.notify_one();
@@ -181,7 +182,7 @@ impl Shared {
         }
     }
 
-    /// A chip has nothing to do any more: the last one says who has. Whom to wake.
+    /// A chip has nothing to do any more: the last one says which has. Returns the bell of the one to wake.
     fn rests(&self, state: &mut State, number: usize) -> Arc<Condvar> {
         let chip = state.chips.get_mut(&number);
         if chip.is_some_and(|chip| core::mem::take(&mut chip.is_running)) {
@@ -193,7 +194,7 @@ impl Shared {
         state.turn().unwrap_or_else(|| self.rest.clone())
     }
 
-    /// Waits until nobody runs.
+    /// Waits until no chip runs.
     fn rest(&self) -> MutexGuard<'_, State> {
         let is_busy = |state: &mut State| state.running > 0;
         let state = self.rest.wait_while(self.lock(), is_busy);
@@ -240,14 +241,14 @@ impl State {
         }
     }
 
-    /// The turn of the next one comes: who wakes it.
+    /// The turn of the next one comes: returns the bell that wakes it.
     fn turn(&mut self) -> Option<Arc<Condvar>> {
         let chip = self.chips.get_mut(&self.waiting.pop_front()?)?;
         chip.is_next = true;
         Some(chip.bell.clone())
     }
 
-    /// When the first two chips do something next, and which.
+    /// Times when the first two chips do something next, and their numbers.
     fn earliest(&self) -> [(u64, usize); 2] {
         let mut two = [(u64::MAX, usize::MAX); 2];
         for (number, chip) in &self.chips {
@@ -262,7 +263,7 @@ impl State {
     }
 }
 
-/// Tells that a chip has ended, whatever the reason.
+/// Tells that a chip has ended, for any reason.
 struct Guard(usize, Arc<Shared>);
 
 impl Drop for Guard {
@@ -272,7 +273,7 @@ impl Drop for Guard {
         if let Some(chip) = state.chips.get_mut(number) {
             chip.has_ended = true;
             chip.next = u64::MAX;
-            // Nobody goes on before this has been told.
+            // No chip goes on before this has been told.
             state.until = 0;
         }
         let bell = shared.rests(&mut state, *number);
@@ -281,8 +282,8 @@ impl Drop for Guard {
     }
 }
 
-/// Chips that can be switched on and off, and whoever carries frames between them: the thread that makes
-/// it, which stays on one CPU of the computer with all of them until it drops it.
+/// Chips that can be switched on and off. The thread that makes it carries frames between them, and stays on one
+/// CPU of the computer with all of them until it drops it.
 #[derive(Debug)]
 pub struct Network(
     Arc<Shared>,
@@ -296,12 +297,12 @@ impl Default for Network {
 }
 
 impl Network {
-    /// Until when all have run.
+    /// Instant that all have reached.
     pub fn reached(&self) -> u64 {
         self.0.lock().reached
     }
 
-    /// When the first of them does something next, if nothing happens to any.
+    /// Time when the first of them does something next, if nothing happens to any.
     pub fn next(&self) -> u64 {
         self.0.lock().earliest()[0].0
     }
@@ -355,8 +356,8 @@ impl Network {
         Some(ended?.unwrap_or_else(|panic| Err(panicked(panic.as_ref()))))
     }
 
-    /// What programs have written in [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS) of a chip with
-    /// power, unless nothing has been written there since this was last asked. It does not notice.
+    /// Contents that programs have written in [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS) of a
+    /// chip with power, unless nothing has been written there since this was last asked. The chip does not notice.
     pub fn look(&mut self, number: usize) -> Option<Vec<(u64, Vec<u8>)>> {
         let mut state = self.0.rest();
         let chip = state.chips.get_mut(&number)?;
@@ -383,7 +384,7 @@ impl Network {
         }
     }
 
-    /// Runs until an instant, or until a chip has done something. What they did, in the order of time;
+    /// Runs until an instant, or until a chip has done something. Returns their deeds, in the order of time;
     /// frames by their start, which is yet to come. A chip that [fails](Deed::Fails) is no more.
     pub fn run(&mut self, until: u64) -> Vec<(u64, usize, Deed)> {
         drop(self.0.rest());
@@ -423,13 +424,13 @@ impl Drop for Network {
     fn drop(&mut self) {
         let numbers: Vec<_> = self.0.lock().chips.keys().copied().collect();
         for number in numbers {
-            // Who wants to know how it ended has switched it off.
+            // A caller that wants to know how it ended has switched it off.
             drop(self.switch_off(number));
         }
     }
 }
 
-/// What is told of a chip whose thread has panicked.
+/// Message for a chip whose thread has panicked.
 fn panicked(panic: &(dyn Any + Send)) -> String {
     let text = { panic.downcast_ref::<String>().map(String::as_str) }
         .or_else(|| panic.downcast_ref::<&str>().copied());

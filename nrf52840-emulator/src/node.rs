@@ -1,4 +1,4 @@
-//! One chip with its image, and what became of it.
+//! One chip with its image, and its outcome.
 
 use std::{
     collections::BTreeMap,
@@ -35,7 +35,7 @@ pub const SETTINGS: Range<u64> = 0x1000_1000..0x1000_2000;
 
 /// A loop that reads the same value so often waits for a model: time goes on to its next event.
 const POLLS: u32 = 8;
-/// What is not worth that, nanoseconds.
+/// Time that is not worth that, nanoseconds.
 const SHORT: u64 = 2_000;
 
 /// A chip and what is around it.
@@ -43,19 +43,19 @@ const SHORT: u64 = 2_000;
 pub struct Node {
     /// Program, an ELF file.
     pub image: PathBuf,
-    /// What else is in the flash and UICR when power comes: addresses and bytes.
+    /// Other contents of the flash and UICR when power comes: addresses and bytes.
     pub flash: Vec<(u64, Vec<u8>)>,
     /// At the other end of UARTE0.
     pub peer: Option<Box<dyn Peer>>,
     /// On the bus of TWIM0, by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
-    /// Of what the chip draws at random, besides its number.
+    /// Seed of the chip's random numbers, besides its number.
     pub seed: u64,
-    /// How much faster than true its clocks run, 1e-9.
+    /// Error of its clocks, 1e-9, positive if they are fast.
     pub drift_ppb: i32,
-    /// What is wrong with the chip.
+    /// Fault of the chip.
     pub faults: Option<fn(&mut Soc)>,
-    /// Where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
+    /// Port where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
     /// it, and so does the time of all others.
     pub debugger: Option<TcpListener>,
     /// Once this is set it ends by itself, also while it waits for GDB.
@@ -71,12 +71,12 @@ impl fmt::Debug for Node {
     }
 }
 
-/// What a chip's clocks show.
+/// Time as a chip's clocks show it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Time {
-    /// When power came.
+    /// Time when power came.
     pub since: u64,
-    /// How much faster than true they run, 1e-9.
+    /// Error of the clocks, 1e-9, positive if they are fast.
     pub drift_ppb: i32,
 }
 
@@ -104,40 +104,41 @@ impl Time {
 /// A restart of the chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reset {
-    /// When, nanoseconds.
+    /// Time, nanoseconds.
     pub at: u64,
-    /// By whom: `Core` for the program, `Lockup`, or the peripheral.
+    /// Cause: `Core` for the program, `Lockup`, or the peripheral.
     pub by: String,
 }
 
-/// What a chip did.
+/// Outcome of a chip's run.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// Bytes on UARTE0, and when they were out.
+    /// Bytes on UARTE0, and the times when they were out.
     pub line: Vec<(u64, u8)>,
     /// Bytes of the first channel of RTT.
     pub log: Vec<u8>,
-    /// What the Product Specification forbids, or is not modelled: the peripheral, the register and what.
+    /// Uses that the Product Specification forbids, or that are not modelled: the peripheral, the register and the
+    /// use.
     pub forbidden: Vec<(&'static str, &'static str, &'static str)>,
     /// Accesses where nothing is.
     pub unmapped: Vec<String>,
     /// Restarts.
     pub resets: Vec<Reset>,
-    /// Pages erased: when, and which.
+    /// Pages erased: times and addresses.
     pub erased: Vec<(u64, u64)>,
     /// Words written to the flash.
     pub written: u64,
-    /// From when to when it wrote or erased; what power interrupts then is torn.
+    /// Times from begin to end of its writes and erasures; those that a loss of power interrupts are torn.
     pub operations: Vec<Range<u64>>,
     /// Frames received well, and spoilt.
     pub received: [u64; 2],
-    /// How long it had power, nanoseconds.
+    /// Time for which it had power, nanoseconds.
     pub powered: u64,
-    /// How long the radio received and sent, nanoseconds.
+    /// Times for which the radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
-    /// How long the receiver of UARTE0 ran, and bytes were on its line, nanoseconds.
+    /// Times for which the receiver of UARTE0 ran, and bytes were on its line, nanoseconds.
     pub uart_on: [u64; 2],
-    /// How often the watchdog was fed.
+    /// Number of times that the watchdog was fed.
     pub fed: u64,
     /// Bytes that found no room in UARTE0.
     pub overruns: u64,
@@ -147,9 +148,9 @@ pub struct Outcome {
     pub instructions: u64,
     /// [`MEMORY`] and [`SETTINGS`] at the end, for [`Node::flash`]: power may have been cut there.
     pub flash: Vec<(u64, Vec<u8>)>,
-    /// Bytes at the start of the RAM, where the stack ends, that nobody wrote to.
+    /// Bytes at the start of the RAM, where the stack ends, that were never written.
     pub untouched: u64,
-    /// Bytes from there to where the stack begins.
+    /// Bytes from there to the begin of the stack.
     pub stack: u64,
 }
 
@@ -249,7 +250,7 @@ pub(crate) fn run(
     })
 }
 
-/// Where the control block of RTT is, if the image has one.
+/// Address of the control block of RTT, if the image has one.
 fn rtt(image: &Path) -> Option<u64> {
     let bytes = std::fs::read(image).ok()?;
     let file = object::File::parse(bytes.as_slice()).ok()?;
@@ -260,15 +261,15 @@ fn rtt(image: &Path) -> Option<u64> {
 struct Run {
     number: usize,
     time: Time,
-    /// How many of them were told.
+    /// Number of resets that were told.
     resets: usize,
-    /// How often bits of its flash have flipped.
+    /// Number of times that bits of its flash have flipped.
     flips: usize,
-    /// It is to stand in the middle of the next work on the flash; since when it does, and how long that
-    /// takes.
+    /// True if it is to stand in the middle of the next work on the flash; since when it does, and the duration of
+    /// that work.
     is_to_stand: bool,
     stands: Option<(u64, u64)>,
-    /// How much was told of the pins and of the log.
+    /// Amounts of the pins' changes and of the log that were told.
     told: [usize; 2],
     shared: Arc<Shared>,
     processor: Lease,
@@ -277,12 +278,12 @@ struct Run {
     /// Address, value and program counter of the last read.
     last: (u64, u64, u64),
     polls: u32,
-    /// Until when the processor stands still, and whether nothing wakes it.
+    /// Time until which the processor stands still, and true if nothing wakes it.
     hold: Option<(u64, bool)>,
 }
 
 impl Run {
-    /// What the program wrote to the first channel (SEGGER RTT: the control block, and a ring).
+    /// Bytes that the program wrote to the first channel (SEGGER RTT: the control block, and a ring).
     fn drain(&mut self, host: &mut dyn Host) -> Option<()> {
         let mut word = |at: u64| host.read(at, Width::W32).ok();
         let block = self.rtt?;
@@ -307,7 +308,7 @@ impl Run {
         self.hold = Some((until, is_firm));
     }
 
-    /// What was done since this was last asked.
+    /// Deeds since this was last asked.
     fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
         let resets = session.resets().iter().skip(self.resets);
         let soc = &session.board().soc;
@@ -354,7 +355,7 @@ impl Run {
         deeds
     }
 
-    /// Whether it did something that others may answer.
+    /// Returns true if it did something that others may answer.
     fn is_seen(&self, soc: &Soc) -> bool {
         !soc.radio.model.sent.is_empty()
             || !soc.uarte.model.begun.is_empty()
@@ -362,7 +363,7 @@ impl Run {
             || self.stands.is_some()
     }
 
-    /// What programs write.
+    /// Parts of the flash that programs write.
     fn memory(host: &mut dyn Host) -> Vec<(u64, Vec<u8>)> {
         let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
         let contents = [MEMORY, SETTINGS].map(|range| {
@@ -373,7 +374,7 @@ impl Run {
         contents.into()
     }
 
-    /// What is there when power goes.
+    /// Contents of the flash when power goes.
     fn end(&mut self, host: &mut dyn Host) {
         self.outcome.flash = Self::memory(host);
         let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
@@ -406,7 +407,7 @@ impl Driver<Board> for Run {
                 } else if self.polls >= POLLS {
                     self.polls = 0;
                     soc.wake(access.virtual_time, access.address);
-                    // Where nothing will happen, until somebody else does something.
+                    // Here nothing happens until another chip or the caller does something.
                     let next = soc.next_event().map_or(u64::MAX, |next| next.0);
                     if next > now + SHORT {
                         self.hold(next, false, host);
@@ -480,7 +481,7 @@ impl Driver<Board> for Run {
             self.take(input, session, stop.at, host);
         }
         if let Some((until, false)) = &mut self.hold {
-            // What happens may be what the program waits for.
+            // The next event may be what the program waits for.
             let next = session.board().soc.next_event();
             *until = (*until).min(next.map_or(u64::MAX, |next| next.0));
         }
@@ -600,7 +601,7 @@ mod tests {
         image
     }
 
-    /// Runs a program, for so long. When it changed its pins, and what became of it.
+    /// Runs a program, for so long. Returns the times when it changed its pins, and its outcome.
     fn run(name: &str, code: &[u16], fault: usize, time: u64) -> (Vec<u64>, Outcome) {
         let image = image(name, code, fault);
         let mut network = Network::default();
@@ -660,7 +661,7 @@ mod tests {
         );
     }
 
-    /// What a clock shows first at an instant, it shows there.
+    /// An event at the first instant at which a clock shows a time is seen at that time.
     #[test]
     fn clocks_drift_and_come_back() {
         for drift_ppb in [0, 40_000, -40_000, 500_000] {
@@ -839,7 +840,7 @@ mod tests {
         fs::remove_file(image).unwrap();
     }
 
-    /// Whatever a program does wrong, it restarts or stays where it is; what emulates it goes on.
+    /// After any error of a program, it restarts or stays where it is; what emulates it goes on.
     #[test]
     fn a_program_that_goes_wrong_ends_nothing_but_itself() {
         // BX R0, of an address of Thumb code; then what a fault leads to.

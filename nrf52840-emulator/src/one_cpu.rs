@@ -15,7 +15,7 @@ static HELD: AtomicUsize = AtomicUsize::new(0);
 /// lives.
 #[derive(Debug)]
 pub(crate) struct OneCpu {
-    /// Where the thread was before, if that is known.
+    /// CPUs of the thread before, if they are known.
     before: Option<system::Cpus>,
     /// Tells others that the CPU is taken, until it is closed.
     _lock: Option<File>,
@@ -40,7 +40,7 @@ impl OneCpu {
         }
     }
 
-    /// How many of these this process has.
+    /// Number of CPUs that this process has taken.
     pub(crate) fn held() -> usize {
         HELD.load(Ordering::Relaxed)
     }
@@ -55,7 +55,7 @@ impl Drop for OneCpu {
     }
 }
 
-/// Locks a CPU's file, if nobody has.
+/// Locks a CPU's file, unless it is locked.
 fn lock(cpu: usize) -> Option<File> {
     let path = env::temp_dir().join(format!("nrf52840-emulator-cpu-{cpu}.lock"));
     let file = File::options()

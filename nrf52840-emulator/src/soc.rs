@@ -1,4 +1,4 @@
-//! The chip: its memory map, its peripherals where they are, and what a reset does.
+//! The chip: its memory map, the addresses of its peripherals, and its reset.
 
 use std::{
     collections::BTreeMap,
@@ -29,13 +29,13 @@ use crate::{
     processor::{self, Lease, Program},
 };
 
-/// Where FICR and UICR are (Product Specification, "Memory map").
+/// Addresses of FICR and UICR (Product Specification, "Memory map").
 pub(crate) const FICR: u64 = 0x1000_0000;
 /// Data RAM, and its size.
 pub(crate) const RAM: (u64, u64) = (0x2000_0000, 256 << 10);
 const INTERRUPTS: u16 = 48;
 const HZ: u64 = 64_000_000;
-/// Who keeps what in UICR and flash.
+/// Name of the peripheral that keeps UICR and flash.
 const NVMC: &str = "NVMC";
 
 static MEMORY: [Region; 4] = [
@@ -72,7 +72,7 @@ const EGUS: usize = 6;
 const PPI: usize = 17;
 const GPIO: usize = 18;
 
-/// By their addresses: the bus counts its slots so.
+/// Peripherals by their addresses: the bus counts its slots so.
 const MAP: [Peripheral; 19] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
     peripheral("RADIO", radio::BASE, &[1]),
@@ -103,7 +103,7 @@ const _: () = {
     }
 };
 
-/// Registers that are not 0 after a reset: whose, offsets, and what they are.
+/// Registers that are not 0 after a reset: peripheral, offsets, and values.
 const RESET: [(usize, &[(u16, u32)]); 5] = [
     (RADIO, &radio::RESET),
     (UARTE, &uarte::RESET),
@@ -116,7 +116,7 @@ const RESET: [(usize, &[(u16, u32)]); 5] = [
 #[derive(Debug)]
 pub struct Soc {
     bus: Bus,
-    /// The processor has locked up, and when it was reset for that.
+    /// The processor has locked up, and the times when it was reset for that.
     lockup: Arc<AtomicBool>,
     lockups: Vec<VirtualNanos>,
     /// CLOCK and POWER.
@@ -143,7 +143,7 @@ pub struct Soc {
 }
 
 impl Soc {
-    /// The chip of a node, with what is at its line and on its bus.
+    /// The chip of a node, with the peer of its line and the chips on its bus.
     ///
     /// # Errors
     /// The map is not in order.
@@ -191,7 +191,7 @@ impl Soc {
         }
     }
 
-    /// Whether an interrupt is pending, which wakes the processor.
+    /// Returns true if an interrupt is pending, which wakes the processor.
     pub(crate) fn is_interrupted(&self) -> bool {
         self.clock.is_pending()
             || self.radio.is_pending()
@@ -212,8 +212,8 @@ impl Soc {
         self.nvmc.model.draw_from(seed ^ since.rotate_left(32));
     }
 
-    /// Who reads this register again and again waits for it to change: where that is no event by itself,
-    /// there is one when it does.
+    /// A program that reads this register again and again waits for it to change: where that is no event by
+    /// itself, there is one when it does.
     pub(crate) fn wake(&mut self, now: VirtualNanos, address: u64) {
         if let Some(offset) = address.checked_sub(rtc::BASE).filter(|at| *at < 0x1000) {
             let (file, mut context) = self.bus.drive(now, RTC);
@@ -223,7 +223,7 @@ impl Soc {
         }
     }
 
-    /// Who reset the chip at an instant: `Core` for the program, `Lockup`, or the peripheral.
+    /// Source of the reset of the chip at an instant: `Core` for the program, `Lockup`, or the peripheral.
     pub(crate) fn by(&self, at: VirtualNanos, cause: ResetCause) -> String {
         match cause {
             ResetCause::Core if self.lockups.contains(&at) => "Lockup".to_owned(),
@@ -422,7 +422,7 @@ mod tests {
         Soc::new(0, None, BTreeMap::new()).unwrap()
     }
 
-    /// No pin is anybody's: PSEL.RTS, TXD, CTS and RXD of UARTE0, PSEL.SCL and SDA of TWIM0.
+    /// No pin is connected: PSEL.RTS, TXD, CTS and RXD of UARTE0, PSEL.SCL and SDA of TWIM0.
     #[test]
     fn a_reset_disconnects_pins() {
         let mut soc = soc();
@@ -456,7 +456,7 @@ mod tests {
         }
     }
 
-    /// Who pulled a pin lets go of it in his time, whether the chip restarts or not.
+    /// A contact that pulled a pin lets go of it in its time, whether the chip restarts or not.
     #[test]
     fn a_reset_does_not_hold_buttons() {
         const MS: u64 = 1_000_000;

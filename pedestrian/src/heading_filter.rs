@@ -1,4 +1,4 @@
-//! Which way does the body face?
+//! Direction in which the body faces.
 
 use calib_core::{
     Real,
@@ -24,7 +24,7 @@ pub struct HeadingSettings<T> {
     /// Standard deviation of the compass heading of a walking person, without its constant part;
     /// radians, above zero, below 1. Default 0.087 (5 degrees).
     pub compass_sigma: T,
-    /// For how long such errors last, seconds, 0.01 to 10. Default 0.5: a step.
+    /// Duration of such errors, seconds, 0.01 to 10. Default 0.5: a step.
     pub compass_correlation: T,
     /// Random walk of the integrated gyroscope, rad/sqrt(s), zero or above, below 1. Default
     /// 0.002: ten times the noise of a MEMS gyroscope, which leaves room for the errors of its
@@ -33,12 +33,12 @@ pub struct HeadingSettings<T> {
     /// Standard deviation of the gyroscope's bias before anything is known of it, rad/s, above
     /// zero, below 1. Default 0.05 (3 degrees a second).
     pub gyro_bias_sigma: T,
-    /// How slowly the vertical follows the accelerometer, seconds, 0.1 to 60. Default 2: a few
+    /// Time constant with which the vertical follows the accelerometer, seconds, 0.1 to 60. Default 2: a few
     /// steps, so that their accelerations average out.
     pub tilt_time_constant: T,
-    /// By how much, relatively, the strength of the field may differ from the usual before the
-    /// compass counts as disturbed; above zero, at most 1. Default 0.15: noise and
-    /// what calibration leaves stay within a few per cent, steel and currents do not.
+    /// Relative difference of the strength of the field from the usual from which on the compass counts as
+    /// disturbed; above zero, at most 1. Default 0.15: noise and errors left by calibration stay within a few per
+    /// cent, steel and currents do not.
     pub field_tolerance: T,
 }
 
@@ -108,7 +108,7 @@ pub struct HeadingFilter<T: Real> {
     p11: T,
     p12: T,
     p22: T,
-    /// Whether `heading` means anything yet.
+    /// True once `heading` is known.
     known: bool,
     usual_field: Option<T>,
     since_compass: T,
@@ -182,12 +182,12 @@ impl<T: Real> HeadingFilter<T> {
         self.p11.sqrt()
     }
 
-    /// What the gyroscope reads about the vertical when the heading does not change, rad/s.
+    /// Reading of the gyroscope about the vertical when the heading does not change, rad/s.
     pub fn gyro_bias(&self) -> T {
         self.bias
     }
 
-    /// Whether the last compass reading was left out as disturbed.
+    /// Returns true if the last compass reading was left out as disturbed.
     pub fn is_disturbed(&self) -> bool {
         self.disturbed_for > T::zero()
     }

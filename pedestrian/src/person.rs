@@ -14,8 +14,8 @@ use crate::{
     StepDetectorSettings, StepLength, Swing, settings::require,
 };
 
-/// A pause longer than this between two samples is a gap: what happened in it is not known.
-/// Sampling below 10 Hz is too slow to see steps anyway; 25 to 100 Hz is good.
+/// A pause longer than this between two samples is a gap: motion in it is not known. Sampling below 10 Hz is too
+/// slow to see steps anyway; 25 to 100 Hz is good.
 const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 
 /// The most steps that [`PedestrianSettings::confirmation`] can hold back.
@@ -26,19 +26,19 @@ const MOST_WAITING: usize = 4;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PedestrianSettings<T> {
-    /// What counts as a step.
+    /// Settings of the detection of steps.
     pub detector: StepDetectorSettings<T>,
-    /// How long a step is: to be calibrated for the person.
+    /// Length of a step: to be calibrated for the person.
     pub length: StepLength<T>,
-    /// Which way it goes.
+    /// Settings of the heading of a step.
     pub heading: HeadingSettings<T>,
-    /// Standard deviation, radians, zero or above, of the direction of a single step against
-    /// where the body faces. Default 0.05 (3 degrees): people sway. A constant part belongs to
+    /// Standard deviation, radians, zero or above, of the direction of a single step against that of the body.
+    /// Default 0.05 (3 degrees): people sway. A constant part belongs to
     /// [`Systematic::heading_sigma`](calib_core::dead_reckoning::Systematic::heading_sigma).
     pub sway_sigma: T,
-    /// How many swings in a row make a walk, 1 to 4. The first ones are held back until then, and
-    /// lost if no more follow. Default 2: a knock is not walking, and moving over by two steps is.
-    /// Zhao's pedometer takes 4, where more handling than walking is to be expected.
+    /// Number of swings in a row that make a walk, 1 to 4. The first ones are held back until then, and lost if no
+    /// more follow. Default 2: a knock is not walking, and moving over by two steps is. Zhao's pedometer takes 4,
+    /// where more handling than walking is to be expected.
     pub confirmation: u8,
 }
 
@@ -129,7 +129,7 @@ impl<T: Real> Pedestrian<T> {
         })
     }
 
-    /// The heading, its sigma, and what the compass is worth.
+    /// The heading, its sigma, and the state of the compass.
     pub fn heading_filter(&self) -> &HeadingFilter<T> {
         &self.heading
     }

@@ -1,4 +1,4 @@
-//! What the worn sensors measure at one moment.
+//! Measurements of the worn sensors at one moment.
 
 use core::fmt;
 
@@ -24,7 +24,7 @@ pub struct ImuSample<T: Real> {
 }
 
 impl<T: Real> ImuSample<T> {
-    /// Whether every number is finite and one that a sensor can have measured.
+    /// Returns true if every number is finite and one that a sensor can have measured.
     pub fn is_usable(&self) -> bool {
         // A comparison with NaN is false.
         let within = |v: &Vector3<T>, limit: T| v.iter().all(|x| x.abs() < limit);
@@ -56,7 +56,7 @@ impl<T: Real + defmt::Format> defmt::Format for ImuSample<T> {
     }
 }
 
-/// Why a reading was not used. Nothing has changed by it.
+/// Reason why a reading was not used. Nothing has changed by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

@@ -1,4 +1,4 @@
-//! Was that a step?
+//! Detection of steps.
 
 use calib_core::{Real, lit};
 
@@ -9,18 +9,18 @@ use crate::{InvalidSetting, settings::require};
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StepDetectorSettings<T> {
-    /// Corner frequency of the low-pass, Hz, 0.5 to 20. Default 3: steps come at 1.5 to 2.2 a
-    /// second, the jolt of the heel and what rattles lies above.
+    /// Corner frequency of the low-pass, Hz, 0.5 to 20. Default 3: steps come at 1.5 to 2.2 a second, the jolt of
+    /// the heel and rattling lie above.
     pub cutoff: T,
     /// The smallest swing that can be a step, m/s^2 after the low-pass, above zero. Default 0.5:
     /// slow walking swings by about 55 mg (Zhao), while the noise of a MEMS accelerometer, some
     /// 0.03 m/s^2, is below 0.1 from tip to tip after the low-pass.
     pub smallest_swing: T,
-    /// The shortest time between two steps, seconds, 0.1 or more. Default 0.2 (Zhao: nobody runs
-    /// faster than five steps a second).
+    /// The shortest time between two steps, seconds, 0.1 or more. Default 0.2 (Zhao: no person runs faster than
+    /// five steps a second).
     pub shortest_interval: T,
-    /// The longest time between two steps of one walk, seconds, above the shortest. Default 2
-    /// (Zhao: nobody walks slower than a step in two seconds).
+    /// The longest time between two steps of one walk, seconds, above the shortest. Default 2 (Zhao: no person
+    /// walks slower than a step in two seconds).
     pub longest_interval: T,
 }
 
@@ -64,9 +64,9 @@ pub struct StepDetector<T> {
     high: T,
     low: T,
     since_high: T,
-    /// Since the last swing that counted.
+    /// Time since the last swing that counted.
     since_swing: T,
-    /// Since the last swing, whether it counted or not.
+    /// Time since the last swing, whether it counted or not.
     since_any: T,
     /// Running mean of the swings of this walk, or zero.
     usual: T,

@@ -1,4 +1,4 @@
-//! How long was that step?
+//! Length of a step.
 
 use core::fmt;
 
@@ -37,7 +37,7 @@ impl<T: Real> Default for StepLength<T> {
     }
 }
 
-/// Why a calibration walk says nothing.
+/// Reason why a calibration walk says nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -83,8 +83,8 @@ impl<T: Real> StepLength<T> {
     /// usual pace. `reported` is the sum of the steps' lengths by the present model, to which `K`
     /// is proportional; so the one division is the whole calibration.
     ///
-    /// What remains is a scale error of about `relative_sigma / sqrt(n)` after `n` steps, next to
-    /// that of the known distance and to the way the person's gait changes from day to day.
+    /// A scale error of about `relative_sigma / sqrt(n)` remains after `n` steps, next to that of the known
+    /// distance and to the way the person's gait changes from day to day.
     ///
     /// # Errors
     /// A distance that is not a finite number above zero; two that differ by more than four times.

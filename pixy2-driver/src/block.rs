@@ -2,7 +2,7 @@
 
 use crate::packet::u16_at;
 
-/// How many bytes a block takes in a packet.
+/// Bytes of a block in a packet.
 pub const BLOCK_BYTES: usize = 14;
 
 /// A blob of one signature, or of a colour code.
@@ -19,7 +19,7 @@ pub struct Block {
     pub width: u16,
     /// Rows.
     pub height: u16,
-    /// Of a colour code, degrees: -180 to 180. Otherwise 0.
+    /// Angle of a colour code, degrees: -180 to 180. Otherwise 0.
     pub angle: i16,
     /// The same blob has the same number from frame to frame.
     pub index: u8,

@@ -20,7 +20,7 @@ const SLICE_US: u32 = 5_000;
 /// Bytes read at once.
 const CHUNK: usize = 32;
 
-/// Why a call failed.
+/// Reason why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error<E> {
@@ -28,7 +28,7 @@ pub enum Error<E> {
     Uart(E),
     /// The UART has come to its end: the port was closed.
     Closed,
-    /// The camera failed, or what it said.
+    /// The camera failed, or its answer.
     Camera(Fault),
 }
 
@@ -74,7 +74,7 @@ impl<U, D> Pixy2<U, D> {
         (self.uart, self.delay)
     }
 
-    /// How long to wait for bytes at most.
+    /// Longest wait for bytes.
     fn slice(&self, most: u32) -> u32 {
         let left = self.session.deadline().unwrap_or(self.now);
         let left = left.saturating_sub(self.now);
@@ -82,7 +82,7 @@ impl<U, D> Pixy2<U, D> {
     }
 }
 
-/// Gives bytes to the session; what comes after the answer is dropped.
+/// Gives bytes to the session; bytes after the answer are dropped.
 fn feed(session: &mut Session, now: u64, bytes: &[u8]) -> Option<Result<Answer, Fault>> {
     for &byte in bytes {
         session.receive(byte, now);
@@ -101,7 +101,7 @@ fn passed(session: &mut Session, now: &mut u64, micros: u32) -> Option<Result<An
     session.outcome()
 }
 
-/// Of the kind that was asked for: the session answers with no other.
+/// The answer of the kind that was asked for: the session answers with no other.
 fn taken<T, E>(answer: Option<T>) -> Result<T, Error<E>> {
     answer.ok_or(Error::Camera(Fault::Garbled))
 }
@@ -125,7 +125,7 @@ where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
 {
-    /// What camera it is. Waits for one that is starting.
+    /// Version of the camera. Waits for one that is starting.
     ///
     /// # Errors
     /// [`Error`].

@@ -8,7 +8,7 @@
 //! | [`session`] | The dialogue, sans-IO: bytes and times in, bytes and answers out |
 //! | [`device`] | [`Pixy2`], the session on an `embedded-io` UART, async or blocking |
 //!
-//! # What is at the other end
+//! # The device at the other end
 //! A Pixy2 whose data port is set to UART (`PixyMon`: Configure, Interface, "Data out port"), in the
 //! program `color_connected_components`. Its rate is set there too, 19200 by default: a request of one
 //! block and its answer then take 14 ms, of the 16 of a frame. Colours, "signatures" 1 to 7, are taught

@@ -20,17 +20,17 @@ const REQUEST_MAX: usize = 8;
 pub mod kind {
     /// The result of a request that sets or asks for one number: an `i32`.
     pub const RESULT: u8 = 0x01;
-    /// Why a request was not obeyed: an `i8`.
+    /// Reason why a request was not obeyed: an `i8`.
     pub const ERROR: u8 = 0x03;
     /// Columns and rows.
     pub const RESOLUTION: u8 = 0x0D;
-    /// Of hardware and firmware.
+    /// Versions of hardware and firmware.
     pub const VERSION: u8 = 0x0F;
     /// Blobs.
     pub const BLOCKS: u8 = 0x21;
 }
 
-/// Which blobs are asked for.
+/// Signatures whose blobs are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Signatures(u8);
@@ -52,7 +52,7 @@ impl Signatures {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {
-    /// What camera it is.
+    /// Version of the camera.
     Version,
     /// Columns and rows of the frames in which blobs are found.
     Resolution,
@@ -72,7 +72,7 @@ pub enum Request {
         /// The coloured one.
         lower: bool,
     },
-    /// How many frames a second there are.
+    /// Number of frames a second.
     FramesPerSecond,
 }
 
@@ -84,7 +84,7 @@ pub struct Encoded {
 }
 
 impl Encoded {
-    /// To be sent.
+    /// Bytes to be sent.
     pub fn as_bytes(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or_default()
     }
@@ -120,8 +120,8 @@ impl Request {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Before the upper byte of a synchronisation word; whether its lower one came last, and whether a
-    /// checksum follows.
+    /// Before the upper byte of a synchronisation word. `Some` if its lower one came last; true if a checksum
+    /// follows.
     Sync(Option<bool>),
     Kind {
         summed: bool,
@@ -129,14 +129,14 @@ enum State {
     Length {
         summed: bool,
     },
-    /// How many of its bytes have come.
+    /// Number of its bytes that have come.
     Sum(u8),
     Payload {
         got: u8,
     },
 }
 
-/// What came of a byte.
+/// Result of a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Heard {
     /// Nothing yet.
@@ -170,12 +170,12 @@ impl Default for Parser {
 }
 
 impl Parser {
-    /// Whatever has begun is dropped.
+    /// Drops a packet that has begun.
     pub fn clear(&mut self) {
         self.state = State::Sync(None);
     }
 
-    /// Of the packet that came last.
+    /// Payload of the packet that came last.
     pub fn payload(&self) -> &[u8] {
         self.payload
             .get(..usize::from(self.length))

@@ -27,11 +27,11 @@ pub struct Policy {
     pub reply_us: u32,
     /// Pause before a busy camera is asked again.
     pub pause_us: u32,
-    /// How long it may be busy. It starts in about two seconds.
+    /// Longest time for which it may be busy. It starts in about two seconds.
     pub busy_us: u32,
-    /// How often a request is repeated before it fails.
+    /// Number of repetitions of a request before it fails.
     pub retries: u8,
-    /// How long the blocking driver pauses between two looks at a UART that has nothing.
+    /// Pause of the blocking driver between two looks at a UART that has nothing.
     pub poll_us: u32,
 }
 
@@ -47,7 +47,7 @@ impl Default for Policy {
     }
 }
 
-/// Why a request failed.
+/// Reason why a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fault {
@@ -57,8 +57,8 @@ pub enum Fault {
     Garbled,
     /// The camera is busy all the time.
     Busy,
-    /// The camera refuses: its number for why. -4 is a request that its program does not know, -5
-    /// somebody who holds its button.
+    /// The camera refuses: the number of its reason. -4 is a request that its program does not know, -5 that its
+    /// button is pressed.
     Refused(i8),
 }
 
@@ -77,17 +77,17 @@ impl fmt::Display for Fault {
 
 impl core::error::Error for Fault {}
 
-/// What camera it is.
+/// Version of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Version {
-    /// Of the board.
+    /// Version of the board.
     pub hardware: u16,
-    /// Of the firmware: before the first point.
+    /// Version of the firmware: the number before the first point.
     pub major: u8,
-    /// After it.
+    /// The number after it.
     pub minor: u8,
-    /// After the second point.
+    /// The number after the second point.
     pub build: u16,
 }
 
@@ -149,7 +149,7 @@ impl Session {
         }
     }
 
-    /// How patient it is.
+    /// Returns the times and counts.
     pub fn policy(&self) -> &Policy {
         &self.policy
     }
@@ -201,7 +201,7 @@ impl Session {
         self.sent = self.sent.saturating_add(bytes.min(most) as u8);
     }
 
-    /// When to call [`Session::tick`] at the latest. `None` when no request is under way.
+    /// Time to call [`Session::tick`] at the latest. `None` when no request is under way.
     pub fn deadline(&self) -> Option<u64> {
         matches!(self.state, State::Asked | State::Pause).then_some(self.deadline)
     }
@@ -223,7 +223,7 @@ impl Session {
         blocks.filter_map(|block| Block::from_bytes(block))
     }
 
-    /// Takes one byte. What comes when nothing was asked is dropped.
+    /// Takes one byte. Bytes that come when nothing was asked are dropped.
     pub fn receive(&mut self, byte: u8, now: u64) {
         if !matches!(self.state, State::Asked) {
             return;

@@ -1,16 +1,15 @@
 //! A Pixy2 that any program can talk to over its UART.
 //!
-//! [`Emulator`] is the camera at the level of bytes, as
-//! [`cmucam2_emulator::Emulator`] is a CMUcam2: without clock and thread, what is sent to it goes in with
-//! its time, what it sends comes out with the time at which the stop bit is over. It sees the same
-//! [`Scene`]s, and shares no code with a driver. Facts are those of the maker's firmware
-//! (`charmedlabs/pixy2`).
+//! [`Emulator`] is the camera at the level of bytes, as [`cmucam2_emulator::Emulator`] is a CMUcam2. It has no
+//! clock and no thread: bytes sent to it go in with their times, and its own bytes come out with the times at
+//! which their stop bits are over. It sees the same [`Scene`]s, and shares no code with a driver. Facts are those
+//! of the maker's firmware (`charmedlabs/pixy2`).
 //!
 //! | module | job |
 //! |---|---|
 //! | here | Power, frames and answers |
 //! | [`wire`] | Packets, and bytes with their times |
-//! | [`sight`] | Which units of a frame have a signature's colour, and the blobs of these |
+//! | [`sight`] | Units of a frame that have a signature's colour, and the blobs of these |
 //!
 //! # Decided here
 //! - It needs two seconds to start, and says nothing before. Then it says that it is busy until its
@@ -37,11 +36,11 @@ pub use sight::TOLERANCE;
 pub type Time = cmucam2_emulator::Time;
 
 const SECOND: Time = 1_000_000_000;
-/// From power-up to the first answer.
+/// Time from power-up to the first answer.
 const START: Time = 2 * SECOND;
 /// 60 frames a second.
 const FRAME: Time = SECOND / 60;
-/// From a request to its answer.
+/// Time from a request to its answer.
 const THINKS: Time = 100_000;
 
 /// Columns and rows in which blobs are told.
@@ -50,16 +49,16 @@ pub const FRAME_SIZE: [u16; 2] = [316, 208];
 /// Signatures there are.
 pub const SIGNATURES: usize = 7;
 
-/// What a camera is.
+/// Set-up of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
     /// The rate that is set in `PixyMon`, bits per second. As it is shipped: 19,200.
     pub baud: u32,
     /// The colours that it was taught, signature 1 first, [`SIGNATURES`] at most.
     pub signatures: Vec<Rgb>,
-    /// How often one byte of an answer is another.
+    /// Probability that one byte of an answer is another.
     pub corrupt_line: f64,
-    /// Of noise and faults.
+    /// Seed of noise and faults.
     pub seed: u64,
 }
 
@@ -90,7 +89,7 @@ pub struct Emulator {
     powered: Time,
     /// The last frame whose blobs were told.
     told: Option<u64>,
-    /// For how many frames in a row each signature was seen.
+    /// Number of frames in a row in which each signature was seen.
     ages: [u8; SIGNATURES],
 }
 
@@ -112,12 +111,12 @@ impl Emulator {
         }
     }
 
-    /// What is before it. To be changed at any time.
+    /// Scene before it. To be changed at any time.
     pub fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
     }
 
-    /// Its power fails and comes back. What it was taught stays.
+    /// Its power fails and comes back. Its taught colours stay.
     pub fn power_cycle(&mut self, now: Time) {
         let seed = self.configuration.seed ^ now;
         let Configuration {
@@ -129,7 +128,7 @@ impl Emulator {
         self.ages = [0; SIGNATURES];
     }
 
-    /// How often one byte of an answer is another, from now on.
+    /// Sets the probability that one byte of an answer is another, from now on.
     pub fn set_corrupt_line(&mut self, rate: f64) {
         self.configuration.corrupt_line = rate;
         self.wire.set_corrupt_line(rate);
@@ -192,7 +191,7 @@ impl Emulator {
         Some(told.flat_map(|found| self.block(found)).collect())
     }
 
-    /// As it is told: 14 bytes.
+    /// A blob as it is told: 14 bytes.
     fn block(&self, found: &Found) -> [u8; 14] {
         let [left, top, right, bottom] = found.edges;
         let (width, height) = (right - left, bottom - top);
@@ -218,12 +217,12 @@ impl Emulator {
         self.wire.transmit(now)
     }
 
-    /// When the next byte is sent.
+    /// Time when the next byte is sent.
     pub fn next_deadline(&self) -> Option<Time> {
         self.wire.sent_at(1)
     }
 
-    /// When all that it sends without a pause is sent, or so many bytes of it.
+    /// Time when all that it sends without a pause is sent, or so many bytes of it.
     pub fn next_burst(&self, room: usize) -> Option<Time> {
         self.wire.sent_at(room)
     }

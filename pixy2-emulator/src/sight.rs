@@ -1,10 +1,9 @@
 //! Blobs as the firmware of the camera finds them.
 //!
-//! A row has 158 units of two columns. From left to right, the first core looks for two units in a row of
-//! one signature, notes the second of them, leaves out the next two, and looks on. The second core makes
-//! segments of what is noted: from the unit before the first note to the one after the last one. So a
-//! row's last segment begins where its colour does, those before it a unit later, and all end by up to
-//! three units too early.
+//! A row has 158 units of two columns. From left to right, the first core looks for two units in a row of one
+//! signature, notes the second of them, leaves out the next two, and looks on. The second core makes segments of
+//! the notes: from the unit before the first note to the one after the last one. So a row's last segment begins
+//! where its colour does, those before it a unit later, and all end by up to three units too early.
 //!
 //! Segments that touch from row to row are a blob. Its box reaches from the first to the last of their
 //! numbers and rows. Blobs of less than 20 units, or of two rows or less, are dropped; boxes of one
@@ -18,8 +17,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{SIGNATURES, Time};
 
-/// How far from the colour that was taught chromaticities may be: differences of two channels as shares
-/// of the sum of all.
+/// Largest difference of chromaticities from the taught colour: differences of two channels as shares of the sum
+/// of all.
 pub const TOLERANCE: f64 = 0.1;
 
 const UNITS: usize = 158;
@@ -53,7 +52,7 @@ impl Found {
     }
 }
 
-/// What a frame shows.
+/// Content of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seen {
     /// The largest first.
@@ -66,11 +65,11 @@ fn chromaticity([red, green, blue]: [f64; 3]) -> Option<[f64; 2]> {
     (sum >= DARK).then(|| [(red - green) / sum, (blue - green) / sum])
 }
 
-/// What it was taught, and how it adapted.
+/// Taught colours, and adaptation to the light.
 #[derive(Clone, Debug)]
 pub(crate) struct Sight {
     signatures: Vec<[f64; 2]>,
-    /// By how much white light differs in each channel from that in which it started.
+    /// Light in which it started, each channel as a multiple of the mean.
     white: Option<[f64; 3]>,
     random: ChaCha8Rng,
 }
@@ -279,7 +278,7 @@ fn merge(blobs: &mut Vec<Found>) -> bool {
 mod tests {
     use super::*;
 
-    /// From unit 10 on so many of one colour: where the segment is told to begin and to end.
+    /// Begins and ends that are told for segments of so many units of one colour, from unit 10 on.
     fn told(count: usize) -> Vec<[usize; 2]> {
         let mut units = vec![0; UNITS];
         units[10..10 + count].fill(1);

@@ -11,14 +11,14 @@ use super::Time;
 const BITS: Time = 10;
 const SECOND: Time = 1_000_000_000;
 
-/// What a host asks.
+/// Request of a host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
     /// Its type.
     pub kind: u8,
-    /// What comes with it.
+    /// Data of the request.
     pub payload: Vec<u8>,
-    /// Whether it had a checksum: the answer then has one, too.
+    /// True if it had a checksum: the answer then has one, too.
     pub summed: bool,
 }
 
@@ -29,13 +29,13 @@ pub struct Wire {
     corrupt: f64,
     random: ChaCha8Rng,
     heard: Vec<u8>,
-    /// Whether the last request had a checksum.
+    /// True if the last request had a checksum.
     summed: bool,
     sending: VecDeque<(Time, u8)>,
 }
 
 impl Wire {
-    /// Of this rate, bits per second.
+    /// A line of this rate, bits per second.
     pub fn new(baud: u32, corrupt: f64, seed: u64) -> Self {
         Self {
             byte_time: BITS * (SECOND / Time::from(baud.max(1))),
@@ -55,7 +55,7 @@ impl Wire {
     pub fn receive(&mut self, byte: u8) -> Option<Request> {
         self.heard.push(byte);
         loop {
-            // Whatever does not begin like a request is dropped from its beginning.
+            // Bytes that do not begin like a request are dropped from their beginning.
             let begins = |heard: &[u8]| match heard {
                 [] | [0xAE | 0xAF] => true,
                 [first, second, ..] => matches!((first, second), (0xAE | 0xAF, 0xC1)),
@@ -108,7 +108,7 @@ impl Wire {
         self.sending.pop_front_if(|(at, _)| *at <= now)
     }
 
-    /// When so many bytes are sent, or all that there are.
+    /// Time when so many bytes are sent, or all that there are.
     pub fn sent_at(&self, count: usize) -> Option<Time> {
         let last = self.sending.len().checked_sub(1)?;
         let place = count.saturating_sub(1).min(last);

@@ -1,4 +1,4 @@
-//! What a file leaves open that matters.
+//! Values that a file leaves open although they matter.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use super::{
 };
 use crate::world::Variant;
 
-/// What a site's file is used for.
+/// Purpose of a site's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// A simulation.
@@ -24,7 +24,7 @@ pub enum Purpose {
 pub struct Assumption {
     /// The key, and what is assumed without it.
     pub what: String,
-    /// What to write.
+    /// Text to write into the file.
     pub write: String,
 }
 
@@ -35,8 +35,8 @@ impl fmt::Display for Assumption {
 }
 
 impl Scenario {
-    /// What it leaves open that matters for this purpose: what is then assumed, and what to write.
-    /// A rehearsal tells these, a deployment is refused until they are said.
+    /// Values that it leaves open although they matter for this purpose: the assumption, and what to write. A
+    /// rehearsal tells these, a deployment is refused until they are said.
     pub fn assumptions(&self, purpose: Purpose) -> Vec<Assumption> {
         let mut all = Vec::new();
         let mut assume = |is_said: bool, what: String, write: String| {
@@ -146,7 +146,7 @@ impl Scenario {
     }
 }
 
-/// Whom something is about; `None` for nobody.
+/// Nodes that something is about; `None` if there are none.
 fn whose(what: &str, ids: &[u16]) -> Option<String> {
     let (first, rest) = ids.split_first()?;
     Some(match rest {

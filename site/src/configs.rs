@@ -26,11 +26,11 @@ use cmucam2_emulator::Rgb;
 /// Configurations of the nodes of one network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkConfigs {
-    /// Of its coordinator, which lets all the others join.
+    /// Configuration of its coordinator, which lets all the others join.
     pub coordinator: CheckedConfig,
-    /// Of its cameras, in the order of the file.
+    /// Configurations of its cameras, in the order of the file.
     pub cameras: Vec<CheckedConfig>,
-    /// Of its targets, in the order of the file.
+    /// Configurations of its targets, in the order of the file.
     pub targets: Vec<CheckedConfig>,
 }
 
@@ -44,9 +44,9 @@ impl NetworkConfigs {
 
 /// The configurations of all nodes of all networks, each of them checked.
 ///
-/// They come from the file alone: cameras that are no references need no places. What the file
-/// leaves out has the firmware's default; [`Scenario::assumptions`] tells which of these should
-/// rather have been said.
+/// They come from the file alone: cameras that are no references need no places. Values that the file leaves
+/// out have the firmware's default; [`Scenario::assumptions`] tells which of these should rather have been
+/// said.
 ///
 /// # Errors
 /// A node cannot be configured to what the file says.
@@ -100,10 +100,10 @@ impl NetworkTable {
         self.frame_between(self.references.cameras)
     }
 
-    /// What its nodes are told of its frame.
+    /// Known parts of the frame, as its nodes are told them.
     ///
     /// # Errors
-    /// They are to be told what the file does not say. `name` is what the network is called.
+    /// They are to be told a value that the file does not have. `name` is the name of the network.
     pub(crate) fn known(&self, name: &str) -> Result<Known<f64>, ScenarioError> {
         let references = &self.references;
         let places = references.cameras.map(|id| self.camera(id)?.place());
@@ -376,14 +376,14 @@ fn channel_mask(channels: &[u8]) -> u32 {
         .fold(0, |mask, channel| mask | 1 << channel.min(&31))
 }
 
-/// That of the ball that targets carry where nothing else is said.
+/// Window of the usual ball: targets carry it where the file says nothing else.
 pub(crate) fn usual_window() -> ColourWindow {
     window(orange(), COLOUR_TOLERANCE)
 }
 
 fn window(colour: Rgb, tolerance: u8) -> ColourWindow {
     let [red, green, blue] = colour.map(|level| {
-        // What a CMUcam2 can see: 16 to 240.
+        // Levels that a CMUcam2 can see: 16 to 240.
         [
             level.saturating_sub(tolerance).clamp(16, 240),
             level.saturating_add(tolerance).clamp(16, 240),

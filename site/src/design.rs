@@ -1,5 +1,5 @@
-//! What a site is worth before anything is mounted: who sees what, how well cameras would know their
-//! poses, how well they would then tell where a target is, and where one more would help most.
+//! Worth of a site before anything is mounted: who sees what, how well cameras would know their poses, how
+//! well they would then tell where a target is, and where one more would help most.
 //!
 //! All of it is Fisher information, whose inverse bounds the covariance (Cramer-Rao), with the noise
 //! that the [planner](crate::planner) counts with.
@@ -16,7 +16,7 @@ use crate::{
     world::{Camera, World},
 };
 
-/// How the advice is found, in words.
+/// Description of the method by which the advice is found.
 pub const METHOD: &str = "grid search: of each place (and, of a camera, each direction), the predicted \
     gain of Fisher information in bits; a camera's is that about the direction of which least was known, mean \
     over the places where a target can stand";
@@ -30,7 +30,7 @@ const DIRECTIONS: u32 = 16;
 /// A target where no network has one.
 const RADIUS: f64 = 0.15;
 
-/// What to expect of a site.
+/// Predicted worth of a site.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Design {
     /// Why it cannot be calibrated as it is, if so.
@@ -39,11 +39,11 @@ pub struct Design {
     pub cameras: Vec<Expected>,
     /// Where targets stop in the rehearsal, of all networks.
     pub stops: Vec<[f64; 2]>,
-    /// What a target can be seen of.
+    /// Places where a target can be seen, and by how many cameras.
     pub coverage: Coverage,
 }
 
-/// What to expect of a camera.
+/// Predicted worth of a camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Expected {
     /// The network that it belongs to, from 0.
@@ -54,9 +54,9 @@ pub struct Expected {
     pub reference: bool,
     /// Field of view, degrees.
     pub field_of_view_deg: f64,
-    /// How far it sees.
+    /// Distance up to which it sees.
     pub range: f64,
-    /// How many of the stops it would measure.
+    /// Number of the stops that it would measure.
     pub stops: usize,
     /// Bound on the standard deviation of its place, as the root of the sum over both axes; `None`
     /// if the stops leave something undetermined. The error of the references, which moves all alike,
@@ -79,7 +79,7 @@ pub struct Coverage {
     pub columns: usize,
     /// Cells along y.
     pub rows: usize,
-    /// How many cameras would measure a target in the middle of each cell, row by row from the lowest;
+    /// Number of cameras that would measure a target in the middle of each cell, row by row from the lowest;
     /// `None` where none can stand.
     pub seen_by: Vec<Option<u16>>,
     /// Bound on the standard deviation of the place of a target there, as the root of the sum over both
@@ -91,7 +91,7 @@ pub struct Coverage {
 /// Where one more would help most, the best first, each with those before it in place.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
-    /// How it was found: [`METHOD`].
+    /// Method by which it was found: [`METHOD`].
     pub method: &'static str,
     /// Cameras like the first one of the site, whose poses would be known.
     pub cameras: Vec<FurtherCamera>,
@@ -108,10 +108,10 @@ pub struct FurtherCamera {
     pub y: f64,
     /// Direction, degrees from the x axis.
     pub heading_deg: f64,
-    /// The network that it would best belong to, from 0: of whose stops it would measure most, or else that
-    /// of the nearest camera.
+    /// The network that it would best belong to, from 0: the one of whose stops it would measure most, or else
+    /// that of the nearest camera.
     pub network: usize,
-    /// What it would tell of a target's place, mean over the places where one can stand.
+    /// Information that it would give on a target's place, mean over the places where one can stand.
     pub gain_bits: f64,
 }
 
@@ -122,21 +122,21 @@ pub struct FurtherStop {
     pub x: f64,
     /// Where.
     pub y: f64,
-    /// What it would tell of the poses of all cameras that see it.
+    /// Information that it would give on the poses of all cameras that see it.
     pub gain_bits: f64,
     /// Numbers of these cameras.
     pub seen_by: Vec<u16>,
 }
 
-/// A site with what is known of its cameras' poses.
+/// A site with the known poses of its cameras.
 struct Prospect {
     site: Site,
     problem: Option<String>,
     radius: f64,
     noise: Noise,
     bounds: [Point2<f64>; 2],
-    /// Of each of the world's cameras: network, place among its cameras, information about its pose from
-    /// the stops, and covariance.
+    /// Network, place among its cameras, information about its pose from the stops, and covariance of each of the
+    /// world's cameras.
     known: Vec<Known>,
 }
 
@@ -151,11 +151,11 @@ struct Known {
 }
 
 impl Design {
-    /// What to expect of a site.
+    /// Predicts the worth of a site.
     ///
     /// # Errors
-    /// It cannot be put up at all: a camera has no place, or stands in an obstacle. That no way for its
-    /// targets can be planned is a [`problem`](Design::problem).
+    /// It cannot be put up at all: a camera has no place, or stands in an obstacle. If no way for its targets can
+    /// be planned, that is a [`problem`](Design::problem).
     pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let prospect = Prospect::new(scenario)?;
         let cameras = prospect.known.iter().zip(prospect.site.world.cameras());
@@ -230,7 +230,7 @@ impl Grid {
     }
 }
 
-/// About the place of a target, from one bearing of a camera whose pose has this covariance.
+/// Information about the place of a target, from one bearing of a camera whose pose has this covariance.
 fn of_bearing(
     camera: &Camera,
     covariance: &Matrix3<f64>,
@@ -244,8 +244,8 @@ fn of_bearing(
     across * across.transpose() / variance
 }
 
-/// Information about the direction of which least is known: the smaller eigenvalue. One bearing tells
-/// nothing of it, and so a camera for itself nothing of where a target is.
+/// Information about the least known direction: the smaller eigenvalue. One bearing tells nothing of it, and
+/// so a single camera tells nothing of where a target is.
 fn least(information: &Matrix2<f64>) -> f64 {
     let half = (information.m11 + information.m22) / 2.0;
     let apart = (information.m11 - information.m22) / 2.0;
@@ -360,7 +360,7 @@ impl Prospect {
         cameras
     }
 
-    /// What the cameras of a network tell of the place of a target, and how many do.
+    /// Information of a network's cameras on the place of a target, and number of these cameras.
     fn information(
         &self,
         seen_by: &[usize],
@@ -663,7 +663,7 @@ mod tests {
             ..Default::default()
         });
         assert!(seen(&scenario) > before + 10);
-        // It does not only see what nobody else does: places are told there that were not.
+        // It does not only see what no other camera does: places are told there that were not.
         assert!(told(&scenario) > told_before);
         // Not all gain is of the grid's making: with that camera there, the next one gains less.
         let next = Advice::on(&scenario, 1).unwrap();

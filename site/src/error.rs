@@ -1,11 +1,11 @@
-//! What is wrong with a scenario.
+//! Errors of a scenario.
 
 use node_firmware::config::ConfigError;
 use thiserror::Error;
 
 use super::{assume::Assumption, planner::PlanError};
 
-/// Where something is, before what is wrong with it.
+/// Place of an error, before its description.
 fn on(line: Option<usize>) -> String {
     line.map_or(String::new(), |line| format!("line {line}: "))
 }
@@ -63,9 +63,9 @@ pub enum ScenarioError {
         line: Option<usize>,
         /// Where it is.
         field: String,
-        /// What it is.
+        /// Value that is there.
         found: String,
-        /// What it may be, and what to do.
+        /// Values that are allowed, and what to do.
         allowed: String,
     },
     /// A node cannot be configured to it.
@@ -75,7 +75,7 @@ pub enum ScenarioError {
         line: Option<usize>,
         /// Its number.
         node: u16,
-        /// What of its configuration is wrong.
+        /// Error of its configuration.
         reason: ConfigError,
     },
     /// Something that matters is not said.
@@ -97,7 +97,7 @@ pub enum ScenarioError {
     Unseen {
         /// Number of the camera's node.
         camera: u16,
-        /// How many stops were wanted.
+        /// Number of stops that were wanted.
         stops: usize,
     },
     /// A target would walk through an obstacle.

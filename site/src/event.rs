@@ -1,4 +1,4 @@
-//! What goes wrong by order of a script.
+//! Faults and other events by order of a script.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,15 @@ use serde::{Deserialize, Serialize};
 pub struct ScriptedEvent {
     /// When, seconds since the start.
     pub at_s: f64,
-    /// What.
+    /// Kind of event.
     pub action: Action,
 }
 
-/// What happens.
+/// Kind of event, with its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Action {
-    /// A node restarts; what is in its flash stays.
+    /// A node restarts; the content of its flash stays.
     Restart {
         /// Its number.
         node: u16,
@@ -45,7 +45,7 @@ pub enum Action {
         /// Where it is. Default: everywhere.
         #[serde(default)]
         at: Option<[f64; 2]>,
-        /// How far it reaches from there.
+        /// Distance that it reaches from there.
         #[serde(default)]
         reach: Option<f64>,
     },
@@ -63,7 +63,7 @@ pub enum Action {
         /// For how long, seconds.
         for_s: f64,
     },
-    /// Somebody pulls the plug between a node and its camera.
+    /// A user pulls the plug between a node and its camera.
     UnplugCamera {
         /// The node's number.
         node: u16,
@@ -82,7 +82,7 @@ pub enum Action {
     },
     /// The light is another one from then on, before all cameras.
     Daylight {
-        /// How bright, against what it was at the start.
+        /// Brightness, against that at the start.
         level: f64,
         /// Its colour temperature, kelvin.
         kelvin: f64,
@@ -93,17 +93,17 @@ pub enum Action {
         node: u16,
         /// For how long, seconds.
         for_s: f64,
-        /// How often each happens, by name.
+        /// Rate of each fault, by name.
         faults: BTreeMap<String, f64>,
     },
-    /// Somebody moves a camera, turns it, or both. It stays so.
+    /// A user moves a camera, turns it, or both. It stays so.
     BumpCamera {
         /// The node's number.
         node: u16,
-        /// How far. Default: not at all.
+        /// Displacement. Default: none.
         #[serde(default)]
         by: [f64; 2],
-        /// How far it is turned, degrees counter-clockwise. Default 0.
+        /// Angle by which it is turned, degrees counter-clockwise. Default 0.
         #[serde(default)]
         turn_deg: f64,
     },
@@ -113,10 +113,10 @@ pub enum Action {
         node: u16,
         /// For how long, seconds.
         for_s: f64,
-        /// What the sensor says too much of each distance, as a share of it. Default 0.
+        /// Excess of each distance that the sensor reads, as a share of it. Default 0.
         #[serde(default)]
         distance: f64,
-        /// What it says too much of each heading, degrees. Default 0.
+        /// Excess of each heading that it reads, degrees. Default 0.
         #[serde(default)]
         heading_deg: f64,
     },
@@ -134,22 +134,22 @@ pub enum Action {
         node: u16,
         /// For how long, seconds.
         for_s: f64,
-        /// How long it stands at a stop, seconds. Default 1.
+        /// Time that it stands at a stop, seconds. Default 1.
         #[serde(default = "one_second")]
         stand_s: f64,
     },
-    /// Somebody presses a button of a node for a moment. One without power does not notice.
+    /// A user presses a button of a node for a moment. One without power does not notice.
     PressButton {
         /// The node's number.
         node: u16,
-        /// Which.
+        /// Button that is pressed.
         button: Button,
     },
     /// Bits of a node's flash flip, each as likely as another.
     Rot {
         /// The node's number.
         node: u16,
-        /// How many.
+        /// Number of bits.
         bits: u32,
     },
     /// A node's flash is worn: whatever is written to it or erased fails from now on.
@@ -164,10 +164,10 @@ pub enum Action {
         /// Those of this time before, seconds.
         last_s: f64,
     },
-    /// Somebody without the key, who stands beside the first network's coordinator and hears all of
-    /// that network, sends frames.
+    /// An attacker without the key, who stands beside the first network's coordinator and hears all of that
+    /// network, sends frames.
     Forge {
-        /// What is in them.
+        /// Content of the frames.
         frames: Forgery,
         /// One in so many seconds.
         every_s: f64,
@@ -176,8 +176,8 @@ pub enum Action {
     },
 }
 
-/// What somebody without the key can send, each with a right check sequence. What is made from frames
-/// that were heard is not sent before one was.
+/// Frames that an attacker without the key can send, each with a right check sequence. Those that are made
+/// from heard frames are not sent before one was heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Forgery {
@@ -223,7 +223,7 @@ impl Action {
         }
     }
 
-    /// How long it lasts, seconds.
+    /// Duration, seconds.
     pub fn duration_s(&self) -> Option<f64> {
         match self {
             Self::Restart { .. }

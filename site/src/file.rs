@@ -12,46 +12,46 @@ use crate::world::Variant;
 use cmucam2_emulator::{Rgb, Sensor, Size};
 use node_firmware::vision::CameraKind;
 
-/// A site, and what only a rehearsal of it knows. Every table but `network` (or `grid`) may be
-/// missing; what is missing has its default.
+/// A site, and the values that only a rehearsal of it uses. Every table but `network` (or `grid`) may be
+/// missing; a missing table has its default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// What it is called.
+    /// Name of the site.
     pub name: String,
-    /// What it is.
+    /// Description of the site.
     #[serde(default)]
     pub about: String,
     /// The seed of every random number. Default 1.
     #[serde(default = "one")]
     pub seed: u64,
-    /// Which of the planned ways targets take, from 1. Default 1.
+    /// Number of the planned way that targets take, from 1. Default 1.
     #[serde(default = "one")]
     pub path: u64,
     /// Stops that are planned in view of each camera, 3 to 16. Default 3.
     #[serde(default = "three")]
     pub stops: usize,
-    /// How these are chosen: `planned` (default) or `anywhere`.
+    /// Method by which these are chosen: `planned` (default) or `anywhere`.
     #[serde(default)]
     pub placement: Placement,
     /// Name of the unit of length. Default `units`.
     #[serde(default = "units")]
     pub unit: String,
-    /// How long it is, for the radio medium `log-distance` and for exports in metres. Default 1,
-    /// only for `units`, `m` and `metres`.
+    /// Length of the unit, for the radio medium `log-distance` and for exports in metres. Default 1, only for
+    /// `units`, `m` and `metres`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit_metres: Option<f64>,
     /// Name of the file with the site's key, next to this file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key_file: Option<String>,
-    /// How far cameras stand from where this file has them.
+    /// Distance of cameras from where this file has them.
     #[serde(default, skip_serializing_if = "ScatterTable::is_none")]
     pub scatter: ScatterTable,
     /// The seed by which cameras were moved; see [`Scenario::rehearsed`].
     #[serde(skip)]
     pub scattered_by: Option<u64>,
-    /// Which of the thesis's results stand beside this site's: `thesis-4.1` (the simulation's, by
-    /// path) or `thesis-3.1` (the laboratory's). Default: none.
+    /// Results of the thesis that stand beside this site's: `thesis-4.1` (the simulation's, by path) or
+    /// `thesis-3.1` (the laboratory's). Default: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub published: Option<String>,
     /// The place.
@@ -60,10 +60,10 @@ pub struct Scenario {
     /// All cameras, unless one says otherwise.
     #[serde(default)]
     pub camera: CameraTable,
-    /// How targets walk.
+    /// Gait of targets.
     #[serde(default)]
     pub walk: WalkTable,
-    /// How step sensors err. Assumed if missing: not at all.
+    /// Errors of step sensors. Assumed if missing: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<SensorTable>,
     /// By how much nodes' clocks run too fast or too slow at most, millionths: each by an error of its
@@ -73,7 +73,7 @@ pub struct Scenario {
     /// The radio medium.
     #[serde(default)]
     pub radio: RadioTable,
-    /// What the nodes are configured to.
+    /// Configuration of the nodes.
     #[serde(default)]
     pub firmware: FirmwareTable,
     /// The networks.
@@ -82,10 +82,10 @@ pub struct Scenario {
     /// Networks to be made, in place of `network`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub grid: Option<GridTable>,
-    /// What cameras track once they are calibrated, if a run is to go on with that.
+    /// Objects that cameras track once they are calibrated, if a run is to go on with that.
     #[serde(default, rename = "object", skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<ObjectTable>,
-    /// What happens by order of a script.
+    /// Events by order of a script.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<ScriptedEvent>,
     /// Where it comes from.
@@ -103,7 +103,7 @@ impl PartialEq for Source {
     }
 }
 
-/// What a rehearsal takes a lens to be of which nobody says anything: the thesis's.
+/// Field of view that a rehearsal assumes of a lens that is not described: the thesis's.
 pub(crate) const ASSUMED_FIELD_OF_VIEW_DEG: f64 = 60.0;
 
 fn one() -> u64 {
@@ -130,7 +130,7 @@ pub struct WorldTable {
     pub low: [f64; 2],
     /// Its highest corner. Default (28, 28).
     pub high: [f64; 2],
-    /// What blocks sight and ways.
+    /// Obstacles to sight and ways.
     #[serde(rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
     pub obstacles: Vec<ObstacleTable>,
 }
@@ -186,7 +186,7 @@ impl From<SensorName> for Sensor {
     }
 }
 
-/// How far cameras stand from where the file has them, standard deviations. Default: not at all.
+/// Distances of cameras from where the file has them, standard deviations. Default: none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScatterTable {
@@ -196,13 +196,13 @@ pub struct ScatterTable {
     pub heading_deg: f64,
 }
 
-/// What all cameras are.
+/// Description of all cameras.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraTable {
-    /// Which camera: `cmucam2` (default) or `pixy2`.
+    /// Kind of camera: `cmucam2` (default) or `pixy2`.
     pub kind: CameraKind,
-    /// How its picture comes about: `cmucam2` (default) or `stage`.
+    /// Model by which its picture is made: `cmucam2` (default) or `stage`.
     pub variant: Variant,
     /// Image sensor of a CMUcam2: `ov6620` (default) or `ov7620`.
     pub sensor: SensorName,
@@ -212,7 +212,7 @@ pub struct CameraTable {
     /// Angle from the middle of the first column to that of the last one, degrees. Assumed if
     /// missing: 60.
     pub field_of_view_deg: Option<f64>,
-    /// How far it sees. Default 8.
+    /// Distance up to which it sees. Default 8.
     pub range: f64,
     /// The lens that nodes believe to have, where it is not the real one.
     pub model: ModelTable,
@@ -228,7 +228,7 @@ pub struct CameraTable {
     pub noise: f64,
     /// Change of the light from frame to frame, as a fraction. Default 0.01.
     pub flicker: f64,
-    /// How often a fault of the camera or its line happens, by name.
+    /// Rate of each fault of the camera or its line, by name.
     pub faults: BTreeMap<String, f64>,
 }
 
@@ -297,7 +297,7 @@ impl CameraTable {
         }
     }
 
-    /// What one camera is.
+    /// Description of one camera.
     #[must_use]
     pub fn for_camera(&self, camera: &PlacedCamera) -> Self {
         let all = self.clone();
@@ -315,7 +315,7 @@ impl CameraTable {
     }
 }
 
-/// What a node believes its lens to be.
+/// Lens that a node believes to have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModelTable {
@@ -381,18 +381,18 @@ impl PlacedCamera {
     }
 }
 
-/// How targets walk.
+/// Gait of targets.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WalkTable {
     /// Units per second. Default 0.2 (thesis 4.3).
     pub speed: f64,
-    /// How far off a stop a target may come to stand, evenly on the disc of this radius: a standard
-    /// deviation of half of it along each axis. Default 0.02.
+    /// Most that a target may come to stand off a stop, evenly on the disc of this radius: a standard deviation
+    /// of half of it along each axis. Default 0.02.
     pub arrive_within: f64,
-    /// How far a step goes. Default 0.1.
+    /// Length of a step. Default 0.1.
     pub step_length: f64,
-    /// How long a target stands when nobody tells it to walk on, seconds. Default 600.
+    /// Time that a target stands when it is not told to walk on, seconds. Default 600.
     pub patience_s: f64,
 }
 
@@ -407,7 +407,7 @@ impl Default for WalkTable {
     }
 }
 
-/// How step sensors err.
+/// Errors of step sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorTable {
@@ -418,9 +418,9 @@ pub struct SensorTable {
     pub leg_distance: f64,
     /// Error of a leg's headings, standard deviation, degrees.
     pub leg_heading_deg: f64,
-    /// As `leg_distance`, and the sensor tells nobody of it.
+    /// As `leg_distance`, but not in the sigmas that the sensor tells.
     pub undeclared_distance: f64,
-    /// As `leg_heading_deg`, and the sensor tells nobody of it.
+    /// As `leg_heading_deg`, but not in the sigmas that the sensor tells.
     pub undeclared_heading_deg: f64,
     /// Relative error of each step's distance, standard deviation.
     pub step_distance: f64,
@@ -506,7 +506,7 @@ pub struct NetworkTable {
     /// Its channel, 11 to 26. Default 15.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<u8>,
-    /// Several channels, of which its coordinator takes the quietest, in place of `channel`.
+    /// Several channels, in place of `channel`; its coordinator takes the quietest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channels: Option<Vec<u8>>,
     /// Where its coordinator stands. Default: in the middle of its cameras.
@@ -547,7 +547,7 @@ impl NetworkTable {
 }
 
 impl Scenario {
-    /// The network of which targets bring its frame to this one, if it has none of its own.
+    /// The network whose targets bring its frame to this one, if it has none of its own.
     pub fn home_of(&self, network: &NetworkTable) -> Option<&NetworkTable> {
         let number = network.references.frame_of?;
         self.networks.get(number.checked_sub(1)?)
@@ -589,8 +589,8 @@ pub struct FrameTable {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferencesTable {
-    /// The node numbers of the first and the second one. Where they are elected: of those in whose
-    /// view the walk begins.
+    /// The node numbers of the first and the second one. If they are elected, those of the cameras in whose view
+    /// the walk begins.
     pub cameras: [u16; 2],
     /// They are not configured; trigger and helper are elected. Default false.
     #[serde(default)]
@@ -624,17 +624,17 @@ pub struct ReferencesTable {
 }
 
 impl ReferencesTable {
-    /// Whether nodes are told that they are references.
+    /// Returns true if nodes are told that they are references.
     pub const fn are_configured(&self) -> bool {
         !self.elected && self.frame_of.is_none()
     }
 
-    /// Whether nodes are told their distance.
+    /// Returns true if nodes are told their distance.
     pub fn baseline_known(&self) -> bool {
         self.baseline_known.unwrap_or(self.are_configured())
     }
 
-    /// Whether nodes are told from where headings count.
+    /// Returns true if nodes are told from where headings count.
     pub fn frame_heading_known(&self) -> bool {
         self.frame_heading_known.unwrap_or(self.are_configured())
     }
@@ -655,7 +655,7 @@ pub struct TargetTable {
     /// Where it stops, the first one being where it begins. Default: planned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stops: Option<Vec<[f64; 2]>>,
-    /// What it looks like to cameras. Default: made of `colour` and the `colour_tolerance`.
+    /// Colours that cameras see of it. Default: made of `colour` and the `colour_tolerance`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<ColourWindow>,
     /// Its own parameters, over those of [`Scenario::firmware`].

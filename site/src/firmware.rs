@@ -3,15 +3,14 @@
 use node_firmware::config::{CameraConfig, Sigmas, Subjects, TargetConfig};
 use serde::{Deserialize, Serialize};
 
-/// How far from a target's colour a pixel may be, levels: so far apart are light and shade on a
-/// ball.
+/// Most that a pixel may differ from a target's colour, levels: so far apart are light and shade on a ball.
 pub(crate) const COLOUR_TOLERANCE: u8 = 45;
-/// What has moved differs from the background by so many levels.
+/// A pixel that has moved differs from the background by so many levels.
 const MOTION_THRESHOLD: u8 = 12;
 
 macro_rules! parameters {
     ($($(#[doc = $doc:literal])+ $name:ident: $kind:ty,)+) => {
-        /// What nodes are configured to. What is missing has the firmware's default.
+        /// Configuration of nodes. A missing value has the firmware's default.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields, default)]
         pub struct FirmwareTable {
@@ -35,7 +34,7 @@ parameters! {
     tx_power: i8,
     /// Security level of IEEE 802.15.4, 5 or 6. Default 6.
     protection: u8,
-    /// How long any device with the site's key may join a coordinator after start-up, seconds.
+    /// Time after start-up in which any device with the site's key may join a coordinator, seconds.
     join_window_s: u16,
     /// Stops at which a camera wants to see the target. Default: [`Scenario::stops`](crate::Scenario::stops).
     stops: u8,
@@ -63,7 +62,7 @@ parameters! {
     motion: bool,
     /// By how many levels it must differ then. Default 12.
     motion_threshold: u8,
-    /// How far from the target's colour a pixel may be, levels. Default 45.
+    /// Most that a pixel may differ from the target's colour, levels. Default 45.
     colour_tolerance: u8,
     /// A target stands when no step came for so long, milliseconds.
     still_after_ms: u32,
@@ -73,15 +72,15 @@ parameters! {
     /// Standard deviation of a step sensor's constant error of distance, as a share of it. Assumed
     /// if missing: the firmware's.
     systematic_scale: f64,
-    /// How far a target may stand off the place that it tells, standard deviation of each axis.
+    /// Distance that a target may stand off the place that it tells, standard deviation of each axis.
     standing_sigma: f64,
-    /// Radius of the ball as somebody measured it, in the unit of the site; 0: not measured.
+    /// Radius of the ball as the installer measured it, in the unit of the site; 0: not measured.
     ball_radius: f64,
     /// The least time of a stop, milliseconds.
     dwell_least_ms: u32,
     /// The most time of a stop, milliseconds.
     dwell_most_ms: u32,
-    /// What the compass of a board's step sensor reads too much on each axis, uT.
+    /// Excess that the compass of a board's step sensor reads on each axis, uT.
     hard_iron: [f64; 3],
     /// The carrier's step length at a swing of 1 m/s^2, in the unit of the site.
     step_length: f64,
@@ -93,18 +92,18 @@ impl FirmwareTable {
         self.colour_tolerance.unwrap_or(COLOUR_TOLERANCE)
     }
 
-    /// That of the targets' balls; 0: not known.
+    /// Radius of the targets' balls; 0: not known.
     pub fn ball_radius(&self) -> f32 {
         self.ball_radius.unwrap_or_default() as f32
     }
 
-    /// What cameras look for that look for what moves.
+    /// Subjects of cameras that look for what moves.
     pub(crate) fn motion(&self) -> Option<Subjects> {
         let threshold = self.motion_threshold.unwrap_or(MOTION_THRESHOLD);
         (self.motion == Some(true)).then_some(Subjects::Motion { threshold })
     }
 
-    /// Puts what is given into a camera's configuration.
+    /// Puts the given values into a camera's configuration.
     pub(crate) fn configure_camera(&self, camera: &mut CameraConfig) {
         put(&mut camera.stops, self.stops);
         put(&mut camera.reference_stops, self.reference_stops);
@@ -118,7 +117,7 @@ impl FirmwareTable {
             position,
             heading_deg,
         } = &mut camera.good_enough;
-        // 0 is what no camera reaches; a configuration has no such value.
+        // No camera reaches 0; a configuration has no such value.
         let never = f64::from(f32::MIN_POSITIVE);
         put_f32(position, self.good_enough_position.map(|s| s.max(never)));
         put_f32(
@@ -127,7 +126,7 @@ impl FirmwareTable {
         );
     }
 
-    /// Puts what is given into a target's configuration.
+    /// Puts the given values into a target's configuration.
     pub(crate) fn configure_target(&self, target: &mut TargetConfig) {
         put(&mut target.still_after_ms, self.still_after_ms);
         put_f32(

@@ -1,12 +1,11 @@
 //! Sites of any size: cells side by side, each a network of its own.
 //!
-//! A cell is a square. Two references stand at its lower border, ten twenty-fourths of its side
-//! apart, and look at what is before both; the other cameras stand at random places and look
-//! somewhat towards the middle. Neighbouring cells are on other channels
-//! and their targets have other colours. A last cell has what is
-//! left of the nodes, and at least two. With `one_frame` only the first cell has references and a
-//! target, which walks through all of them. Cameras are drawn from the scenario's seed, each cell from
-//! its own stream, so that a larger site contains the smaller one.
+//! A cell is a square. Two references stand at its lower border, ten twenty-fourths of its side apart, and
+//! look at the area before both; the other cameras stand at random places and look somewhat towards the
+//! middle. Neighbouring cells are on other channels and their targets have other colours. The last cell has
+//! the nodes that are left, at least two. With `one_frame` only the first cell has references and a target,
+//! which walks through all of them. Cameras are drawn from the scenario's seed, each cell from its own stream,
+//! so that a larger site contains the smaller one.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,7 +22,7 @@ const CHANNELS: [u8; 16] = [
     11, 15, 19, 23, 13, 17, 21, 25, 12, 16, 20, 24, 14, 18, 22, 26,
 ];
 
-/// Of the targets, so that no camera takes a neighbour's for its own.
+/// Colours of the targets, so that no camera takes a neighbour's for its own.
 const COLOURS: [Rgb; 4] = [[230, 105, 35], [40, 70, 220], [40, 200, 60], [215, 40, 190]];
 
 /// Makes the networks of a grid and the world that holds them.

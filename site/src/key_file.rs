@@ -8,7 +8,7 @@
 //!
 //! `1` is the version of the format, INDEX the key's index in decimal (1 to 255), KEY its 16 bytes
 //! and CHECKSUM the CRC-32 (ISO-HDLC) of all characters before it, both in lower-case hexadecimal.
-//! Only its owner may read it. No message tells what is in it.
+//! Only its owner may read it. No message tells its content.
 
 use std::{
     fs,
@@ -35,7 +35,7 @@ pub enum KeyFileError {
     Read(#[source] io::Error),
     /// It is not only its owner's.
     #[error(
-        "others may read it, so it is not a secret: type `chmod 600` and its name if nobody did, or \
+        "others may read it, so it is not a secret: type `chmod 600` and its name if no one did, or \
          make another key with `host-sim keygen`"
     )]
     Public,
@@ -46,7 +46,7 @@ pub enum KeyFileError {
     )]
     NoKey(&'static str),
     /// Such as sixteen zeros.
-    #[error("nobody drew this key at random: make another one with `host-sim keygen`")]
+    #[error("this key was not drawn at random: make another one with `host-sim keygen`")]
     NotRandom,
     /// There are no random numbers.
     #[error("the system gave no random numbers")]
@@ -125,7 +125,7 @@ fn parse(contents: &[u8]) -> Result<SiteKey, &'static str> {
         *byte = u8::from_str_radix(&digits[2 * place..][..2], 16)
             .map_err(|_| "its key is not hexadecimal")?;
     }
-    // One text for each key: what is written otherwise was changed.
+    // Each key has one text: a file with another text was changed.
     if self::text(index, &bytes) != text {
         return Err("its checksum is wrong");
     }

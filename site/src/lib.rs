@@ -159,7 +159,7 @@ impl Scenario {
         }
     }
 
-    /// What people call a node in the file, such as `network 1.camera 3`.
+    /// Name of a node in the file, such as `network 1.camera 3`.
     fn named(&self, node: u16) -> Option<String> {
         (1..).zip(&self.networks).find_map(|(n, network)| {
             let cameras = network.cameras.iter().map(|camera| ("camera", camera.id));
@@ -172,12 +172,12 @@ impl Scenario {
         })
     }
 
-    /// How long its unit is.
+    /// Length of its unit.
     pub fn metres_per_unit(&self) -> f64 {
         self.unit_metres.unwrap_or(1.0)
     }
 
-    /// Which path it is in the record of a run.
+    /// Number of its path in the record of a run.
     pub fn recorded_path(&self) -> Option<u32> {
         u32::try_from(self.path).ok()
     }

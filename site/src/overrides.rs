@@ -1,4 +1,4 @@
-//! What a command line changes of a scenario.
+//! Changes that a command line makes to a scenario.
 
 use calib_core::camera::Projection;
 
@@ -20,12 +20,12 @@ pub struct Overrides {
     pub path: Option<u64>,
     /// Stops planned in view of each camera.
     pub stops: Option<usize>,
-    /// How these are chosen.
+    /// Method by which these are chosen.
     pub placement: Option<Placement>,
     /// Cameras of a grid.
     pub nodes: Option<usize>,
-    /// How pictures come about. With `stage` the real projection follows; otherwise unless the file
-    /// sets it.
+    /// Model by which pictures are made. With `stage` the real projection follows; otherwise unless the file sets
+    /// it.
     pub variant: Option<Variant>,
     /// The projection that all nodes believe in.
     pub model: Option<Projection>,
@@ -33,7 +33,7 @@ pub struct Overrides {
     pub drift: bool,
     /// Share of frames that the radio loses.
     pub loss: Option<f64>,
-    /// How far cameras stand from where the file has them.
+    /// Distance of cameras from where the file has them.
     pub scatter: Option<ScatterTable>,
 }
 

@@ -24,10 +24,10 @@ pub enum PageFileError {
     /// The operating system's answer.
     #[error("it cannot be read")]
     Read(#[source] io::Error),
-    /// What is wrong with its bytes.
+    /// Its bytes are wrong.
     #[error("it is no page for a node: {0}")]
     Page(PageError),
-    /// More would go over what comes behind the page in the flash; less was cut off.
+    /// A longer page would overwrite the flash behind it; a shorter one was cut off.
     #[error("it has {0} bytes, a page has {PAGE_MAX}: make it again with `host-sim provision`")]
     Length(usize),
     /// A page is not written over by accident.

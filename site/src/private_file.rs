@@ -1,4 +1,4 @@
-//! Files that hold a key: nobody but their owner may read them.
+//! Files that hold a key: only their owner may read them.
 
 use std::{
     io::{self, Write},

@@ -28,7 +28,7 @@ pub struct Site {
     pub world: World,
     /// The networks.
     pub networks: Vec<Network>,
-    /// What is to be tracked. Out of everybody's view until somebody moves it.
+    /// Objects that are to be tracked. Each is out of all cameras' view until it is moved.
     pub objects: Vec<MovingObject>,
 }
 
@@ -53,13 +53,13 @@ pub struct Network {
     pub coordinator: Point2<f64>,
     /// Its cameras.
     pub cameras: Vec<CameraNode>,
-    /// Which of them are the references: indices of `cameras`.
+    /// The references among them: indices of `cameras`.
     pub references: [usize; 2],
     /// The references are to be elected.
     pub elected: bool,
     /// There are none: targets of this network, counted from 0, bring its frame.
     pub home: Option<usize>,
-    /// What its nodes are told of the frame beforehand.
+    /// Prior knowledge of the frame that its nodes are told.
     pub known: Known<f64>,
     /// The frame in which the network reports.
     pub frame: Frame,
@@ -74,7 +74,7 @@ pub struct CameraNode {
     pub id: u16,
     /// The world's camera.
     pub index: usize,
-    /// Which camera it is.
+    /// Kind of camera.
     pub kind: CameraKind,
     /// Colours that a Pixy2 was taught, signature 1 first.
     pub taught: Vec<Rgb>,
@@ -82,7 +82,7 @@ pub struct CameraNode {
     pub sensor: Sensor,
     /// Baud rate of its line.
     pub baud: u32,
-    /// What goes wrong on it.
+    /// Rates of the camera's faults.
     pub faults: FaultRates,
     /// Noise of its pixels, levels, and change of the light, as in a
     /// [`Scene`](cmucam2_emulator::Scene).
@@ -102,17 +102,17 @@ pub struct TargetNode {
     pub id: u16,
     /// The world's target.
     pub index: usize,
-    /// How it walks.
+    /// Gait of the target.
     pub gait: Gait,
     /// Where it stops, in the world.
     pub stops: Vec<Point2<f64>>,
-    /// What to expect, if its stops were planned.
+    /// Predicted accuracy, if its stops were planned.
     pub plan: Option<Plan>,
-    /// How its step sensor errs.
+    /// Errors of its step sensor.
     pub errors: SensorErrors,
     /// Direction of the x axis of its step sensor in the world, radians.
     pub axis: f64,
-    /// How far it believes to stand off the place that it tells, standard deviation of each axis.
+    /// Distance that it believes to stand off the place that it tells, standard deviation of each axis.
     pub standing_sigma: f64,
 }
 
@@ -126,7 +126,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of references at these places of the world.
+    /// Frame of references at these places of the world.
     pub fn between([origin, other]: [Point2<f64>; 2]) -> Self {
         let baseline = other - origin;
         Self {
@@ -225,7 +225,7 @@ fn camera(
     Ok((camera, node))
 }
 
-/// What an obstacle of a file consists of: a wall is a segment between each two of its corners.
+/// Parts of an obstacle of a file: a wall is a segment between each two of its corners.
 pub fn obstacles(table: &ObstacleTable) -> Vec<Obstacle> {
     let one = match table {
         ObstacleTable::Wall(corners) => {
@@ -488,7 +488,7 @@ fn planned(
     let (network, table) = (&networks[place], &scenario.networks[place]);
     let index = |camera: usize| network.cameras[camera].index;
     let references = network.references.map(index);
-    // Who is no reference needs stops of its own.
+    // A camera that is no reference needs stops of its own.
     let others: Vec<_> = (0..network.cameras.len())
         .map(index)
         .filter(|index| network.home.is_some() || !references.contains(index))
@@ -500,7 +500,7 @@ fn planned(
         let node = network.cameras.iter().find(|node| node.index == index);
         node.map_or(0, |node| node.id)
     };
-    // As it is: the planner has the true displacements in the true frame. Who brings a frame knows it.
+    // As it is: the planner has the true displacements in the true frame. A target that brings a frame knows it.
     let is_known = network.home.is_some();
     let [first, second] = references.map(|index| world.cameras()[index].place);
     let known = Known {
@@ -538,7 +538,7 @@ fn planned(
     })
 }
 
-/// How well the carrier of a target measures its way.
+/// Accuracy with which the carrier of a target measures its way.
 fn steps(scenario: &Scenario, table: &TargetTable, target: &TargetNode) -> Steps {
     let (told, errors) = (scenario.target_config(table), &target.errors);
     Steps {

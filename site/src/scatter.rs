@@ -30,7 +30,7 @@ impl ScatterTable {
         heading_deg: 3.0,
     };
 
-    /// Whether nothing is moved.
+    /// Returns true if nothing is moved.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }
@@ -86,7 +86,7 @@ impl Scenario {
                 inside && solid.obstacle_on_way(place, *to, CLEARANCE).is_none()
             });
             let Some(place) = found else {
-                // What the site itself has wrong is told first.
+                // Errors of the site itself are told first.
                 Self {
                     scatter: ScatterTable::default(),
                     ..self.clone()

@@ -1,10 +1,10 @@
-//! Why a co-processor does not work.
+//! Reasons why a co-processor does not work.
 
 use core::fmt;
 
 use super::{property::PropertyKey, status::SpinelStatus};
 
-/// Why a request failed.
+/// Reason why a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -31,7 +31,7 @@ pub enum RcpFault {
     Refused {
         /// The property that was refused.
         key: PropertyKey,
-        /// What the co-processor answered.
+        /// Status that the co-processor answered.
         status: SpinelStatus,
     },
 }

@@ -1,15 +1,15 @@
-//! What stands in a frame: header, command and what the command carries.
+//! Content of a frame: header, command and the data of the command.
 
 use super::property::{Property, PropertyKey};
 use zigbee_link::wire::{EmitError, Malformed, Reader, Writer};
 
-/// A transaction identifier: which answer belongs to which command.
+/// A transaction identifier, by which an answer belongs to a command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tid(u8);
 
 impl Tid {
-    /// Of what the co-processor tells unasked, and of commands that want no answer.
+    /// Of frames that the co-processor sends unasked, and of commands that want no answer.
     pub const UNSOLICITED: Self = Self(0);
 
     /// This identifier, if it has 4 bits.
@@ -34,7 +34,7 @@ impl Tid {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SpinelHeader {
     interface: u8,
-    /// Which exchange it belongs to.
+    /// The exchange it belongs to.
     pub tid: Tid,
 }
 
@@ -74,11 +74,11 @@ impl SpinelHeader {
     }
 }
 
-/// How much is to restart.
+/// Parts that are to restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reset {
-    /// Whatever the co-processor takes for usual.
+    /// The usual parts, by the co-processor's choice.
     Default,
     /// The whole processor.
     Platform,
@@ -88,11 +88,11 @@ pub enum Reset {
     Other(u8),
 }
 
-/// What a frame says.
+/// Command of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Body<'a> {
-    /// Is anybody there?
+    /// Is a co-processor there?
     Noop,
     /// Restart. The answer is an unsolicited [`Property::LastStatus`].
     Reset(Reset),
@@ -104,13 +104,13 @@ pub enum Body<'a> {
     Is(Property<'a>),
 }
 
-/// The content of an HDLC frame: who is asked or answers, and what.
+/// The content of an HDLC frame: interface and exchange, and a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SpinelMessage<'a> {
-    /// Whose it is.
+    /// Its header.
     pub header: SpinelHeader,
-    /// What it says.
+    /// Its command.
     pub body: Body<'a>,
 }
 

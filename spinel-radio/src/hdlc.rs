@@ -1,14 +1,14 @@
 //! HDLC-lite: frames on a line of bytes.
 //!
-//! A frame is its content and a CRC-16/X-25 of it, little-endian, between two flags. Bytes that
-//! mean something on the line are escaped. RFC 1662 describes this for PPP; Spinel's form also
-//! escapes XON, XOFF and 0xF8 (draft-rquattle-spinel-unified, HDLC-Lite).
+//! A frame is its content and a CRC-16/X-25 of it, little-endian, between two flags. Bytes with a meaning on the
+//! line are escaped. RFC 1662 describes this for PPP; Spinel's form also escapes XON, XOFF and 0xF8
+//! (draft-rquattle-spinel-unified, HDLC-Lite).
 
 use zigbee_link::wire::crc_16;
 
 const FLAG: u8 = 0x7E;
 const ESCAPE: u8 = 0x7D;
-/// What is flipped in an escaped byte.
+/// Bit that is flipped in an escaped byte.
 const FLIP: u8 = 0x20;
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
@@ -57,7 +57,7 @@ impl Encoder {
         }
     }
 
-    /// Whether the closing flag was given.
+    /// Returns true if the closing flag was given.
     pub(crate) const fn is_at_end(&self) -> bool {
         matches!(self.place, Place::End)
     }
@@ -68,7 +68,7 @@ impl Encoder {
         }
         let [low, high] = (!self.crc).to_le_bytes();
         let (byte, next) = match self.place {
-            // Also ends whatever a broken write has left on the line.
+            // Also ends the rest of a broken write on the line.
             Place::Opening => {
                 self.place = Place::Content(0);
                 return Some(FLAG);
@@ -142,7 +142,7 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// What was not delivered so far.
+    /// Counts of frames that were not delivered so far.
     pub const fn dropped(&self) -> DroppedFrames {
         self.dropped
     }
@@ -222,7 +222,7 @@ mod tests {
         assert_eq!(line, b"\x7E123456789\x6E\x90\x7E");
     }
 
-    /// A reset, and what an `ot-rcp` says after it.
+    /// A reset, and the message of an `ot-rcp` after it.
     #[test]
     fn golden_frames() {
         let line = [0x7E, 0x80, 0x01, 0x02, 0xEA, 0xF0, 0x7E];
@@ -301,7 +301,7 @@ mod tests {
             prop_assert_eq!(decoder.dropped(), DroppedFrames::default());
         }
 
-        /// Whatever came before: the opening flag ends it.
+        /// The opening flag ends any bytes that came before.
         #[test]
         fn resynchronises_after_any_bytes(
             noise in bytes(any::<u8>(), 0..200), content in bytes(any::<u8>(), 1..40)

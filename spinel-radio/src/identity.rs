@@ -1,4 +1,4 @@
-//! Who the co-processor is.
+//! Identity of the co-processor.
 
 use heapless::Vec;
 
@@ -7,13 +7,13 @@ use zigbee_link::wire::Eui64;
 
 const FIRMWARE_MAX: usize = 64;
 
-/// What a co-processor tells of itself.
+/// Facts that a co-processor tells of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
     /// Version of the protocol, major and minor.
     pub protocol: (u32, u32),
-    /// Whether it sends and receives raw frames for a host.
+    /// True if it sends and receives raw frames for a host.
     pub is_radio: bool,
     /// Its extended address from the factory.
     pub address: Eui64,
@@ -33,7 +33,7 @@ impl Identity {
         &self.firmware
     }
 
-    /// Takes what an answer tells.
+    /// Takes the property of an answer.
     pub(crate) fn learn(&mut self, property: &Property<'_>) {
         match *property {
             Property::ProtocolVersion { major, minor } => self.protocol = (major, minor),

@@ -14,11 +14,11 @@
 //! [`Radio`] trait with its configuration, the [`Clock`] and the addresses and fields of IEEE
 //! 802.15.4. `zigbee-link` knows nothing of this crate.
 //!
-//! # What is asked of the UART
-//! - `read` may be dropped while it waits without losing bytes, as buffered UARTs do. Of `write`
-//!   nothing is asked: when it is dropped, the command is sent again.
-//! - A receive buffer that holds what comes between two calls, at 115200 baud 12 bytes a
-//!   millisecond; or hardware flow control.
+//! # Requirements on the UART
+//! - `read` may be dropped while it waits without losing bytes, as buffered UARTs do. `write` has no requirement:
+//!   when it is dropped, the command is sent again.
+//! - A receive buffer for the bytes between two calls, at 115200 baud 12 bytes a millisecond; or hardware flow
+//!   control.
 //!
 //! A radio that only listens sets no timer.
 //!
@@ -82,10 +82,10 @@ use zigbee_link::{
     runner::Clock,
 };
 
-/// How many bytes are read or written at once.
+/// Most bytes that are read or written at once.
 const CHUNK: usize = 32;
 
-/// Why a call failed.
+/// Reason why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RcpError<E> {
@@ -93,7 +93,7 @@ pub enum RcpError<E> {
     Uart(E),
     /// The UART has come to its end: the port was closed.
     Closed,
-    /// The co-processor failed, or what was asked of it is impossible.
+    /// The co-processor failed, or the request is impossible.
     Radio(RcpFault),
 }
 
@@ -149,7 +149,7 @@ impl<U, C, const QUEUE: usize> SpinelRadio<U, C, QUEUE> {
         (self.uart, self.clock)
     }
 
-    /// The dialogue: who the co-processor is, and what went by unnoticed.
+    /// The dialogue: the identity of the co-processor, and the faults that went by unnoticed.
     pub const fn session(&self) -> &RcpSession<QUEUE> {
         &self.session
     }
@@ -176,7 +176,7 @@ impl<U: Read + Write, C: Clock, const QUEUE: usize> SpinelRadio<U, C, QUEUE> {
         }
     }
 
-    /// Sends what is to be sent, or waits for bytes, until the deadline.
+    /// Sends the bytes that are to be sent, or waits for bytes, until the deadline.
     async fn progress(&mut self) -> Result<(), RcpError<U::Error>> {
         let Self {
             uart,

@@ -1,4 +1,4 @@
-//! How patient the session is.
+//! Patience of the session.
 
 use core::time::Duration;
 
@@ -18,15 +18,15 @@ pub struct RcpPolicy {
     pub reset: Duration,
     /// Pause before a command is repeated that the co-processor was too busy for.
     pub pause: Duration,
-    /// How often a command is repeated before it fails; also a transmission during which the
-    /// co-processor restarts.
+    /// Number of repetitions of a command before it fails; also of a transmission during which the co-processor
+    /// restarts.
     pub retries: u8,
-    /// How many restarts in a row are put up with.
+    /// Number of restarts in a row that are put up with.
     pub restarts: u8,
 }
 
 impl RcpPolicy {
-    /// What [`Default`] gives.
+    /// Value of [`Default`].
     pub const DEFAULT: Self = Self {
         answer: Duration::from_millis(500),
         transmission: Duration::from_secs(2),

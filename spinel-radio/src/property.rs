@@ -13,17 +13,17 @@ use zigbee_link::wire::{EmitError, Eui64, Malformed, PanId, Reader, ShortAddress
 pub struct PropertyKey(pub u32);
 
 impl PropertyKey {
-    /// How the last command ended.
+    /// Result of the last command.
     pub const LAST_STATUS: Self = Self(0);
     /// Version of the protocol.
     pub const PROTOCOL_VERSION: Self = Self(1);
     /// Version of the firmware.
     pub const NCP_VERSION: Self = Self(2);
-    /// What the co-processor can do.
+    /// Capabilities of the co-processor.
     pub const CAPS: Self = Self(5);
     /// Its extended address from the factory.
     pub const HWADDR: Self = Self(8);
-    /// Whether the radio is on.
+    /// True if the radio is on.
     pub const PHY_ENABLED: Self = Self(0x20);
     /// The number of the channel, 11 to 26.
     pub const PHY_CHAN: Self = Self(0x21);
@@ -35,17 +35,17 @@ impl PropertyKey {
     pub const MAC_15_4_SADDR: Self = Self(0x35);
     /// The PAN frames are accepted for.
     pub const MAC_15_4_PANID: Self = Self(0x36);
-    /// Whether raw frames are received and may be sent.
+    /// True if raw frames are received and may be sent.
     pub const MAC_RAW_STREAM_ENABLED: Self = Self(0x37);
-    /// Whether frames for others are received, too.
+    /// True if frames for others are received, too.
     pub const MAC_PROMISCUOUS_MODE: Self = Self(0x38);
     /// Raw frames, both ways.
     pub const STREAM_RAW: Self = Self(0x71);
-    /// Whether acknowledgements announce pending frames only to listed devices, instead of to all.
+    /// True if acknowledgements announce pending frames only to listed devices, instead of to all.
     pub const MAC_SRC_MATCH_ENABLED: Self = Self(0x1303);
 }
 
-/// What a co-processor can do, as numbers in packed form.
+/// Capabilities of a co-processor, as numbers in packed form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Capabilities<'a>(pub &'a [u8]);
@@ -62,25 +62,25 @@ impl Capabilities<'_> {
         core::iter::from_fn(move || read_packed(&mut reader).ok())
     }
 
-    /// Whether this number is among them.
+    /// Returns true if this number is among them.
     pub fn contains(&self, capability: u32) -> bool {
         self.iter().any(|other| other == capability)
     }
 }
 
-/// Frames for whom are received.
+/// Addresses whose frames are received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Promiscuity {
     /// For the own addresses.
     Off,
-    /// For everybody of the own PAN.
+    /// For every address of the own PAN.
     Network,
-    /// For everybody, of whatever PAN.
+    /// For every address, of any PAN.
     Full,
 }
 
-/// What is known of a transmission besides its status.
+/// Facts about a transmission besides its status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TxReport<'a> {
@@ -139,7 +139,7 @@ pub enum Property<'a> {
 }
 
 impl<'a> Property<'a> {
-    /// Which property it is.
+    /// The key of the property.
     pub const fn key(&self) -> PropertyKey {
         match self {
             Self::LastStatus(..) => PropertyKey::LAST_STATUS,
@@ -161,7 +161,7 @@ impl<'a> Property<'a> {
         }
     }
 
-    /// Of a command that sets it.
+    /// The property of a command that sets it.
     pub(crate) fn parse_set(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let key = PropertyKey(read_packed(reader)?);
         if key == PropertyKey::STREAM_RAW {
@@ -170,7 +170,7 @@ impl<'a> Property<'a> {
         Self::parse_value(key, reader)
     }
 
-    /// Of a command that tells it.
+    /// The property of a command that tells it.
     pub(crate) fn parse_is(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let key = PropertyKey(read_packed(reader)?);
         if key == PropertyKey::STREAM_RAW {

@@ -1,4 +1,4 @@
-//! How a command ended.
+//! Results of commands.
 
 use core::fmt;
 
@@ -33,7 +33,7 @@ impl SpinelStatus {
     /// The first of the statuses that tell why the co-processor restarted.
     pub const RESET_POWER_ON: Self = Self(112);
 
-    /// Whether this tells that the co-processor restarted.
+    /// Returns true if this tells that the co-processor restarted.
     pub const fn is_reset(self) -> bool {
         self.0 >= Self::RESET_POWER_ON.0 && self.0 < 128
     }

@@ -12,7 +12,7 @@ use zigbee_link::{
 /// `macMaxFrameRetries`: repetitions of a frame that asks for an acknowledgement and gets none.
 const FRAME_RETRIES: u8 = 3;
 
-/// A frame to be sent, and how.
+/// A frame to be sent, and the way to send it.
 ///
 /// Only the PSDU and the channel must be there; what is missing has the value that
 /// [`new`](Self::new) gives it.
@@ -92,7 +92,7 @@ impl<'a> TxFrame<'a> {
     }
 }
 
-/// A frame that was received, and how.
+/// A frame that was received, and its metadata.
 ///
 /// Only the PSDU must be there; what is missing has the value that [`new`](Self::new) gives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,9 +110,9 @@ pub struct RxFrame<'a> {
     pub channel: u8,
     /// Link quality, 1 to 255; 0 if it was not measured.
     pub lqi: u8,
-    /// When it came, on the radio's clock, microseconds.
+    /// Time when it came, on the radio's clock, microseconds.
     pub timestamp: u64,
-    /// 0, or why it was not received; the numbers are the implementation's.
+    /// 0, or the reason why it was not received; the numbers are the implementation's.
     pub error: u32,
 }
 

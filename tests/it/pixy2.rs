@@ -1,4 +1,4 @@
-//! What a node sees through an emulated Pixy2: the async driver on a line of 19,200 baud, in virtual
+//! Sight of a node through an emulated Pixy2: the async driver on a line of 19,200 baud, in virtual
 //! time.
 
 use std::{
@@ -31,7 +31,7 @@ const BALL: Subject = Subject::Signature(1);
 struct Bench {
     camera: RefCell<Emulator>,
     now: Cell<u64>,
-    /// When the line to the camera is free.
+    /// Time at which the line to the camera is free.
     free_at: Cell<u64>,
 }
 
@@ -77,7 +77,7 @@ impl embedded_io_async::Write for Line {
 }
 
 impl embedded_hal_async::delay::DelayNs for Delay {
-    /// The driver asks the delay before the line, so what comes at a time is read at that time.
+    /// The driver asks the delay before the line, so bytes that come at a time are read at that time.
     async fn delay_ns(&mut self, ns: u32) {
         let until = self.0.now.get() + u64::from(ns);
         poll_fn(|_| {
@@ -172,13 +172,13 @@ fn it_starts_as_long_as_the_camera_takes_and_looks_in_a_fifth_of_a_second() {
     node.seen();
     let took = node.bench.now.get() - begun;
     assert!(took < SECOND / 5, "{took} ns");
-    // It was taught, and finds nothing that moves.
+    // A Pixy2 is taught its colours, and does not find motion.
     assert_eq!(wait(node.sight.learn_colour()), Err(VisionError::Unable));
     let motion = Subject::Motion { threshold: 12 };
     assert_eq!(wait(node.sight.begin(motion)), Err(VisionError::Unable));
 }
 
-/// Errors over sigmas, squared: 1 is right. Of balls of 10 to 50 columns anywhere in the view.
+/// Squared errors over sigmas, where 1 is right, for balls of 10 to 50 columns anywhere in the view.
 #[test]
 fn sigmas_are_those_of_the_errors() {
     let mut node = Node::new(Configuration::default());
@@ -221,7 +221,7 @@ fn another_ball_of_the_colour_is_noticed_and_another_colour_is_none() {
     node.show(vec![ball(0.1, 0.04), green]);
     let seen = node.seen();
     assert!((seen.bearing - 0.1).abs() < 5.0 * seen.sigma);
-    // Half of it is behind a wall.
+    // Half of the ball is behind a wall.
     let mut wall = ball(0.1 + 0.04, 0.04);
     (wall.colour, wall.shape) = ([110; 3], Shape::Box);
     node.show(vec![ball(0.1, 0.04), wall]);
@@ -230,7 +230,7 @@ fn another_ball_of_the_colour_is_noticed_and_another_colour_is_none() {
     assert_eq!(node.look(), Ok(Look::Clipped));
 }
 
-/// Answers that are damaged are asked for again; a camera without power is silent, and starts again.
+/// Damaged answers are asked for again; a camera without power is silent, and starts again.
 #[test]
 fn damage_and_a_power_cut_are_survived() {
     let mut node = Node::new(Configuration {

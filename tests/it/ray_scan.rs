@@ -4,11 +4,11 @@ use nalgebra::Point2;
 use site::world::{Target, Variant, World};
 use site::{Overrides, Scenario};
 
-/// Of a disc that holds the body, a square of 0.3 units.
+/// Radius of a disc that holds the body, a square of 0.3 units.
 const RADIUS: f64 = 0.2122;
 
-/// The middles of whole blobs. Their widths are not compared: Stage's body is square, stands any way
-/// round and is drawn in cells of a grid.
+/// The middles of whole blobs. Their widths are not compared: Stage's body is square, has any direction,
+/// and is drawn in cells of a grid.
 #[test]
 fn blobs_are_where_stage_has_them() {
     let changes = Overrides {

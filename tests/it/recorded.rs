@@ -1,5 +1,5 @@
-//! What was recorded in, poses out: what `host-sim solve` and `host-sim solve-network` do with a file,
-//! from the library.
+//! Recordings in, poses out: the work of `host-sim solve` and `host-sim solve-network` on a file, by
+//! the library.
 
 use std::{fs::File, io::BufReader};
 
@@ -23,8 +23,8 @@ fn open(name: &str) -> BufReader<File> {
     BufReader::new(File::open(data(name)).unwrap())
 }
 
-/// Eleven cameras of Table 4.1 from Stage's blobs, decoded as what they are and as what the thesis
-/// took them for: the camera model alone makes its errors.
+/// Eleven cameras of Table 4.1 from Stage's blobs, decoded with their own camera model and with that of
+/// the thesis: the camera model alone makes the thesis's errors.
 #[test]
 fn the_camera_model_makes_the_difference() {
     let view = 60_f64.to_radians();
@@ -49,7 +49,7 @@ fn the_camera_model_makes_the_difference() {
         let (mut comparisons, mut chi_squared, mut freedom) = (Comparisons::default(), 0.0, 0);
         for ((id, case), truth) in recording.cases().zip(&truths) {
             let answer = solver.answer(id, case);
-            // Of the wrong model, doubtful.
+            // With the wrong model it is doubtful.
             assert!(answer.is_kept(), "node {id}");
             let solution = answer.solution.unwrap();
             comparisons.add(&solution.pose, truth.as_ref());
@@ -147,12 +147,12 @@ fn walk(record: &RunRecord, sightings: &Sightings) -> (Vec<u16>, Walk) {
     (ids, walk)
 }
 
-/// What a run's nodes measured, solved again: the batch optimum to a hundredth of a sigma, with
-/// honest sigmas, and no worse than what the nodes made of it.
+/// The measurements of a run's nodes, solved again: the batch optimum to a hundredth of a sigma, with
+/// honest sigmas, and no worse than the nodes' own poses.
 #[test]
 fn a_run_with_an_unknown_carrier_is_solved_again() {
     let (mut nees, mut numbers, mut carriers, mut runs) = (0.0, 0, 0.0, 0);
-    // Squared errors of place: solved again and of the batch, then where nodes have a pose solved again
+    // Squared errors of place: solved again and of the batch; then, where nodes have a pose, solved again
     // and theirs.
     let mut squares = [0.0; 4];
     for seed in 1..=12 {
@@ -163,7 +163,7 @@ fn a_run_with_an_unknown_carrier_is_solved_again() {
             panic!("{seed}: {} solutions", solved.len());
         };
         if solution.status != Status::Calibrated {
-            // Told, not hidden.
+            // The failure is told, not hidden.
             assert_ne!(solution.reason, None, "{seed}");
             continue;
         }
@@ -213,7 +213,7 @@ fn a_run_with_an_unknown_carrier_is_solved_again() {
         let (_, covariance) = batch.pair(0);
         let ratio = carrier.sigma_scale / covariance.m11.sqrt();
         assert!((ratio - 1.0).abs() < 0.01, "{seed}: {ratio}");
-        // What the carrier really read: his bias is in no record.
+        // The carrier's real readings: his bias is in no record.
         let mut random = generator(1000 + seed);
         let scale = 1.0 + UNKNOWN[0] * normal(&mut random);
         carriers += ((carrier.scale - scale) / carrier.sigma_scale).powi(2);
@@ -231,7 +231,7 @@ fn a_run_with_an_unknown_carrier_is_solved_again() {
     assert!(beside > 0.0 && beside <= 1.1 * nodes, "{beside}, {nodes}");
 }
 
-/// A run of a scenario, for each of its seeds another geometry.
+/// A run of a scenario; each of its seeds has another geometry.
 fn run_of(name: &str, stops: Option<usize>, seed: u64) -> RunRecord {
     let changes = Overrides {
         seed: Some(seed),
@@ -255,9 +255,9 @@ fn run_of(name: &str, stops: Option<usize>, seed: u64) -> RunRecord {
     RunRecord::from_json(&record.to_json(false).unwrap()).unwrap()
 }
 
-/// What nodes told of their poses at the end, and what a computer makes of the same measurements. A node
-/// tells of a pose again only when it moved by a third of its sigma, or is a tenth surer: so much the two
-/// may differ, and where the last bearing was told they are one.
+/// The nodes' last reports of their poses, and a computer's poses from the same measurements. A node reports
+/// a pose again only when it moved by a third of its sigma, or is a tenth surer. So the two may differ by as
+/// much, and where the last bearing was reported they are the same.
 #[test]
 fn a_computer_and_the_nodes_agree() {
     let settings = network::Settings {

@@ -1,4 +1,4 @@
-//! What a node sees through an emulated CMUcam2: the async driver on a line of 38,400 baud, in
+//! Sight of a node through an emulated CMUcam2: the async driver on a line of 38,400 baud, in
 //! virtual time.
 
 use std::{
@@ -36,12 +36,12 @@ struct Bench {
     camera: RefCell<Emulator>,
     now: Cell<u64>,
     outgoing: RefCell<VecDeque<(u64, u8)>>,
-    /// What the camera sent and nobody read.
+    /// Bytes that the camera has sent and that are not read yet.
     waiting: RefCell<VecDeque<u8>>,
 }
 
 impl Bench {
-    /// Lets time pass up to the next thing that happens, `until` at the latest.
+    /// Lets time pass up to the next event, `until` at the latest.
     fn pass(&self, until: u64) {
         let mut camera = self.camera.borrow_mut();
         let mut outgoing = self.outgoing.borrow_mut();
@@ -98,7 +98,7 @@ impl embedded_io_async::Write for Line {
 }
 
 impl embedded_hal_async::delay::DelayNs for Delay {
-    /// The driver asks the delay before the line, so what comes at a time is read at that time.
+    /// The driver asks the delay before the line, so bytes that come at a time are read at that time.
     async fn delay_ns(&mut self, ns: u32) {
         let until = self.0.now.get() + u64::from(ns);
         poll_fn(|_| {
@@ -124,7 +124,7 @@ fn wait<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// A node's camera role, as far as it looks.
+/// The part of a node's camera role that looks.
 struct Node {
     sight: Cmucam2BlobCamera<Line, Delay>,
     bench: Rc<Bench>,
@@ -132,7 +132,7 @@ struct Node {
 }
 
 impl Node {
-    /// Before a ball at a bearing, degrees.
+    /// A node before a ball at a bearing, degrees.
     fn new(columns: u16, bearing: f64, faults: FaultRates) -> Self {
         let config = CameraConfig::new(
             Lens::pin_hole(columns, VIEW as f32),
@@ -168,7 +168,7 @@ impl Node {
         camera.scene_mut().objects[0].place = Place::At(ball(bearing));
     }
 
-    /// A look, and how long it took, seconds.
+    /// A look, and its duration, seconds.
     fn look(&mut self, subject: Subject) -> (Result<Look, VisionError>, f64) {
         let mut judge = self.config.judge(self.config.lens.camera().unwrap());
         let begun = self.bench.now.get();
@@ -185,7 +185,7 @@ impl Node {
     }
 }
 
-/// The picture of a ball of 3.5 degrees at a bearing, degrees: its edges where a pin-hole of
+/// The picture of a ball of 3.5 degrees at a bearing, degrees: its edges are where a pin-hole of
 /// square directions sees them. Pixels are twice as wide as tall.
 fn ball(bearing: f64) -> Extent {
     const RADIUS: f64 = 3.5;
@@ -255,7 +255,7 @@ fn what_is_not_to_be_seen_is_told() {
 fn what_moved_into_view_is_seen_without_a_colour() {
     let motion = Subject::Motion { threshold: 15 };
     let mut node = Node::new(88, 60.0, FaultRates::default());
-    // Of another green than the background: that is the channel looked at.
+    // Its green differs from that of the background: green is the channel in use.
     node.bench.camera.borrow_mut().scene_mut().objects[0].colour = [30, 30, 30];
     node.config.subjects = Subjects::Motion { threshold: 15 };
     wait(node.sight.start_up()).unwrap();

@@ -23,7 +23,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// From the truth, over the cameras that have three bearings or more. `None` if something stays
+    /// Solves from the truth on, over the cameras that have three bearings or more. `None` if something stays
     /// undetermined.
     ///
     /// `prior` are the sigmas of scale and compass around one and zero.

@@ -58,10 +58,10 @@ pub fn turn(a: f64, b: f64) -> f64 {
     (a - b).sin().atan2((a - b).cos())
 }
 
-/// Where a chi squared of so many degrees of freedom lies, but for what is as rare as a normal number
+/// Range of a chi squared of so many degrees of freedom, except for values as rare as a normal number
 /// beyond four standard deviations on either side: one in 16,000. After Wilson and Hilferty (1931).
 ///
-/// Of numbers that depend on each other count those that do not.
+/// Of numbers that depend on each other, only the independent ones count.
 pub fn chi_squared_band(degrees_of_freedom: f64) -> RangeInclusive<f64> {
     let variance = 2.0 / (9.0 * degrees_of_freedom);
     let end = |sigmas: f64| {
@@ -76,19 +76,19 @@ pub fn data(name: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "data", name].iter().collect()
 }
 
-/// Where a camera really is.
+/// True pose of a camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Truth {
-    /// Place.
+    /// Position along the x axis.
     pub x: f64,
-    /// Place.
+    /// Position along the y axis.
     pub y: f64,
     /// Direction of the optical axis, radians.
     pub heading: f64,
 }
 
 impl Truth {
-    /// Anywhere within 20 units of the origin, looking anywhere.
+    /// A pose anywhere within 20 units of the origin, looking in any direction.
     pub fn random(rng: &mut impl Rng) -> Self {
         Self {
             x: rng.random_range(-20.0..20.0),
@@ -108,7 +108,7 @@ impl Truth {
         Point2::new(self.x + range * angle.cos(), self.y + range * angle.sin())
     }
 
-    /// What this camera measures, without noise.
+    /// Bearing that this camera measures, without noise.
     pub fn bearing_of(&self, target: Point2<f64>) -> f64 {
         let d = target - self.position();
         turn(d.y.atan2(d.x), self.heading)
@@ -122,7 +122,7 @@ impl Truth {
     }
 }
 
-/// How far a camera is from the circle through three targets: zero on it, or on their line.
+/// Distance of a camera from the circle through three targets: zero on it, or on their line.
 ///
 /// The determinant that tests four points for lying on one circle, over the fourth power of the
 /// farthest range.

@@ -1,34 +1,34 @@
-//! Walks of a target past cameras, with what everybody measures.
+//! Walks of a target past cameras, with all measurements.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 use rand::RngExt;
 
 use super::{Random, Truth, normal};
 
-/// How a carrier errs, standard deviations: of its scale and compass, and of each leg's length (a
+/// Errors of a carrier, standard deviations: of its scale and compass, and of each leg's length (a
 /// share of it) and direction (radians).
 #[derive(Clone, Copy, Debug)]
 pub struct CarrierErrors {
-    /// Of its scale, drawn once.
+    /// Standard deviation of its scale, drawn once.
     pub scale: f64,
-    /// Of its compass offset, radians, drawn once.
+    /// Standard deviation of its compass offset, radians, drawn once.
     pub compass: f64,
-    /// Of a leg's length, a share of it.
+    /// Standard deviation of a leg's length, a share of it.
     pub length: f64,
-    /// Of a leg's direction, radians.
+    /// Standard deviation of a leg's direction, radians.
     pub direction: f64,
-    /// Of both ends of any leg, in units of length: none is better.
+    /// Standard deviation of both ends of any leg, in units of length: none is better.
     pub least: f64,
 }
 
 impl CarrierErrors {
-    /// Of a carrier of which nothing is known: 5 % and 2 degrees, then 1 % and half a degree a leg.
+    /// Errors of an unknown carrier: 5 % and 2 degrees, then 1 % and half a degree a leg.
     pub const UNKNOWN: Self = Self {
         scale: 0.05,
         compass: 2.0 * PER_DEGREE,
         ..Self::DRIFT
     };
-    /// Calibrated, but for 1 % and half a degree a leg.
+    /// Errors of a calibrated carrier: only 1 % and half a degree a leg.
     pub const DRIFT: Self = Self {
         scale: 1e-4,
         compass: 1e-4,
@@ -88,22 +88,22 @@ pub struct Visited {
     pub stop: usize,
     /// The mark.
     pub mark: usize,
-    /// Standard deviation of standing on it.
+    /// Standard deviation of the target's distance from it.
     pub sigma: f64,
 }
 
-/// What is true and what was measured, in the frame of cameras 0 and 1.
+/// The truth and the measurements, in the frame of cameras 0 and 1.
 #[derive(Clone, Debug)]
 pub struct Walk {
     /// All cameras.
     pub cameras: Vec<Truth>,
     /// Every stop.
     pub places: Vec<Point2<f64>>,
-    /// What the carrier reads over the true length, and its compass offset.
+    /// Ratio of the carrier's readings to the true length, and its compass offset.
     pub carrier: [f64; 2],
     /// Standard deviations of both.
     pub errors: CarrierErrors,
-    /// To each stop but the first.
+    /// Legs to each stop but the first.
     pub legs: Vec<WalkedLeg>,
     /// By stop.
     pub bearings: Vec<SeenAt>,
@@ -111,8 +111,8 @@ pub struct Walk {
     pub ranges: Vec<RangedAt>,
     /// Closed loops.
     pub visits: Vec<Visited>,
-    /// Standard deviation of the scale that every camera's lens has, relative; zero if all are what they
-    /// are said to be.
+    /// Standard deviation of the scale that every camera's lens has, relative; zero if all lenses are as
+    /// they are said to be.
     pub lens_sigma: f64,
     /// Standard deviation of what every camera's principal column adds to the tangent of a bearing; zero if all
     /// are what they are said to be. Only beside `lens_sigma`.
@@ -150,7 +150,7 @@ impl Walk {
         }
     }
 
-    /// What would be measured on this walk: bearings by every camera that has a stop in view.
+    /// The measurements of this walk: bearings by every camera that has a stop in view.
     pub fn measured(
         rng: &mut Random,
         cameras: Vec<Truth>,
@@ -188,7 +188,7 @@ impl Walk {
         walk
     }
 
-    /// Draws a carrier and what it measures.
+    /// Draws a carrier and its measurements.
     pub fn carry(&mut self, rng: &mut Random) {
         let errors = self.errors;
         let carrier = [
@@ -217,7 +217,7 @@ impl Walk {
             .collect();
     }
 
-    /// With each bearing a range, off by a share of it at one sigma.
+    /// Adds a range to each bearing, off by a share of it at one sigma.
     pub fn range(&mut self, rng: &mut Random, share: f64) {
         let ranged = self.bearings.iter().map(|seen| {
             let truth = self.places[seen.stop] - self.cameras[seen.camera].position();
@@ -252,7 +252,7 @@ impl Walk {
     }
 }
 
-/// Whether a camera of 60 degrees has a place in view.
+/// Returns true if a camera of 60 degrees has a place in view.
 pub fn sees(camera: &Truth, place: Point2<f64>) -> bool {
     let range = (place - camera.position()).norm();
     (0.8..8.0).contains(&range) && camera.bearing_of(place).abs() < 0.5

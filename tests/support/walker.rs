@@ -16,7 +16,7 @@ fn normal3(rng: &mut Random, sigma: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| sigma * normal(rng))
 }
 
-/// What the walker does next.
+/// Next act of the walker.
 pub enum Act {
     /// Stands for some seconds.
     Stand(f64),
@@ -26,49 +26,49 @@ pub enum Act {
     Walk(u32, f64),
 }
 
-/// A person who walks, and what the worn sensors read.
+/// A person who walks, and the readings of the worn sensors.
 pub struct Walker {
-    /// Of all that is random.
+    /// Source of all random numbers.
     pub rng: Random,
     /// Seconds since the start.
     pub time: f64,
-    /// Where the person is, metres.
+    /// Place of the person, metres.
     pub position: Vector2<f64>,
-    /// Where the person walks, radians counter-clockwise from the world's x axis.
+    /// Direction in which the person walks, radians counter-clockwise from the world's x axis.
     pub facing: f64,
     /// Steps so far.
     pub steps: u32,
     /// Steps per second.
     pub cadence: f64,
-    /// Metres.
+    /// Length of a step, metres.
     pub step_length: f64,
-    /// Of the length of single steps, relative.
+    /// Scatter of the length of single steps, relative.
     pub scatter: f64,
     /// Roll and pitch of the sensor on the body.
     pub mount: (f64, f64),
-    /// Rad/s.
+    /// Bias of the gyroscope, rad/s.
     pub gyro_bias: Vector3<f64>,
-    /// Standard deviation of a reading, rad/s.
+    /// Standard deviation of a gyroscope reading, rad/s.
     pub gyro_noise: f64,
-    /// The same, m/s^2.
+    /// Standard deviation of an acceleration reading, m/s^2.
     pub acceleration_noise: f64,
-    /// The same, uT.
+    /// Standard deviation of a compass reading, uT.
     pub compass_noise: f64,
     /// Standard deviation of the direction of the field, wandering with a correlation of 0.5 s.
     pub field_wander: f64,
-    /// How far it has wandered, radians.
+    /// Angle by which it has wandered, radians.
     pub wandered: f64,
     /// Direction of magnetic north, radians.
     pub north: f64,
     /// A field of the surroundings added to the earth's, world frame.
     pub disturbance: Vector3<f64>,
-    /// At the last reading.
+    /// Attitude at the last reading.
     pub attitude: Option<Rotation3<f64>>,
     /// All readings so far.
     pub readings: Vec<Reading>,
 }
 
-/// What the sensors read at one time, in the body frame: x forward, y left, z up.
+/// Readings of the sensors at one time, in the body frame: x forward, y left, z up.
 pub struct Reading {
     /// Specific force, m/s^2.
     pub acceleration: Vector3<f64>,
@@ -76,12 +76,12 @@ pub struct Reading {
     pub angular_rate: Vector3<f64>,
     /// Magnetic field, uT.
     pub magnetic_field: Option<Vector3<f64>>,
-    /// With the sway: where the trunk faces.
+    /// Direction of the trunk, with the sway.
     pub facing: f64,
 }
 
 impl Walker {
-    /// Somebody who has not begun to walk.
+    /// A person who has not begun to walk.
     pub fn new(seed: u64) -> Self {
         let mut rng = generator(seed);
         let facing = rng.random_range(0.0..TAU);
@@ -112,7 +112,7 @@ impl Walker {
         }
     }
 
-    /// Does one after another.
+    /// Does one act after another.
     pub fn act(&mut self, acts: &[Act]) {
         for act in acts {
             match *act {

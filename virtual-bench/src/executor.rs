@@ -4,8 +4,8 @@
 //! still while a task is ready, then jumps to the next event. Nothing depends on the wall clock,
 //! on addresses or on hash order: the same tasks give the same run.
 //!
-//! A task that is [killed](Executor::kill) is dropped where it waits, as a processor that loses its
-//! power. Whatever outlasts that (flash, antenna, line) is not in the task.
+//! A task that is [killed](Executor::kill) is dropped where it waits, as a processor that loses its power. Things
+//! that outlast that (flash, antenna, line) are not in the task.
 
 mod clock;
 mod pace;
@@ -36,7 +36,7 @@ use timers::Action;
 /// Nanoseconds since the start of the simulation.
 pub type Time = u64;
 
-/// Polls per task within one instant, from which on it is a loop without end.
+/// Polls per task within one instant from which on it counts as a loop without end.
 const STUCK: u64 = 10_000;
 
 type Boxed = Pin<Box<dyn Future<Output = ()>>>;
@@ -45,11 +45,11 @@ type Boxed = Pin<Box<dyn Future<Output = ()>>>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TaskId {
     slot: usize,
-    /// Of all tasks that there ever were: a place serves many.
+    /// Number among all tasks that there ever were: a place serves many.
     number: u64,
 }
 
-/// Why a run ended.
+/// Reason why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use]
 pub enum Ended {
@@ -61,7 +61,7 @@ pub enum Ended {
     Stuck(TaskId),
 }
 
-/// What a run has cost.
+/// Cost of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effort {
     /// Timers and calls that came.
@@ -141,7 +141,7 @@ impl Tasks {
         id
     }
 
-    /// What to do to a task, while it is alive.
+    /// Does something to a task, while it is alive.
     fn with<T>(&self, id: TaskId, act: impl FnOnce(&mut Task) -> T) -> Option<T> {
         let mut all = self.all.borrow_mut();
         all.get_mut(id.slot).filter(|task| task.id == id).map(act)
@@ -154,12 +154,12 @@ impl Tasks {
     fn kill(&self, id: TaskId) {
         if self.is_alive(id) {
             let task = self.all.borrow_mut().remove(id.slot);
-            // What the future drops may spawn and kill.
+            // The future's drop may spawn and kill.
             drop(task);
         }
     }
 
-    /// Whether there was something to poll.
+    /// Polls a task. Returns true if there was something to poll.
     fn poll(&self, id: TaskId) -> bool {
         let Some(mut body) = self.with(id, |task| task.body.take()).flatten() else {
             return false;
@@ -195,7 +195,7 @@ impl Spawner {
         }
     }
 
-    /// Whether a task has neither ended nor been killed.
+    /// Returns true if a task has neither ended nor been killed.
     pub fn is_alive(&self, task: TaskId) -> bool {
         self.0.upgrade().is_some_and(|tasks| tasks.is_alive(task))
     }
@@ -204,11 +204,11 @@ impl Spawner {
 /// Something that has its own course in the same virtual time, such as another program. Before time
 /// passes, it goes ahead: tasks do nothing meanwhile.
 pub trait Outside {
-    /// Goes on until a time, or until it does something that concerns tasks. Returns when that is: not
-    /// before the time now, and `until` if it is nothing, or later.
+    /// Goes on until a time, or until it does something that concerns tasks. Returns the time of that: not before
+    /// the time now, and `until` if it is nothing, or later.
     fn run_until(&mut self, until: Time) -> Time;
 
-    /// What that was happens now. Whether there was anything.
+    /// Its next event happens now. Returns true if there was any.
     fn happens(&mut self) -> bool;
 }
 
@@ -272,17 +272,17 @@ impl Executor {
         self.tasks.kill(task);
     }
 
-    /// Whether a task has neither ended nor been killed.
+    /// Returns true if a task has neither ended nor been killed.
     pub fn is_alive(&self, task: TaskId) -> bool {
         self.tasks.is_alive(task)
     }
 
-    /// How many tasks there are.
+    /// Number of tasks.
     pub fn tasks(&self) -> usize {
         self.tasks.all.borrow().len()
     }
 
-    /// What it has cost so far.
+    /// Returns the cost so far.
     pub fn effort(&self) -> Effort {
         self.effort
     }

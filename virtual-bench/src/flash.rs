@@ -5,14 +5,14 @@
 //! page erase 85 ms). The processor of that part stands still meanwhile; here only the caller
 //! waits. A handle [without time](Flash::programmer) is done at once.
 //!
-//! Words are read and written whole, each once between two erasures of its page: what the strictest
-//! of the boards' flashes asks for.
+//! Words are read and written whole, each once between two erasures of its page: the strictest of the boards'
+//! flashes asks for that.
 //!
 //! # What goes wrong
-//! An operation whose future is dropped before its end, as when the node is killed, is torn: what
-//! had its time is done, the word or page under way has some of its bits. So is the last of the
-//! changes that [`Flash::power`] has left; whatever follows it fails. A [read](Flash::fail_read) can
-//! fail too, the bytes can [rot](Flash::bytes_mut), and the chip can be [worn](Flash::wear_out).
+//! An operation whose future is dropped before its end, as when the node is killed, is torn: the words and pages
+//! that had their time are done, the one under way has some of its bits. So is the last of the changes that
+//! [`Flash::power`] has left; all that follow it fail. A [read](Flash::fail_read) can fail too, the bytes can
+//! [rot](Flash::bytes_mut), and the chip can be [worn](Flash::wear_out).
 
 use std::{
     cell::{Ref, RefCell, RefMut},
@@ -39,7 +39,7 @@ pub const WORD_TIME: Time = 41_000;
 /// Nanoseconds to erase a page.
 pub const PAGE_TIME: Time = 85_000_000;
 
-/// Why a call failed.
+/// Reason why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
     /// It is not of whole words, or not of whole pages.
@@ -68,7 +68,7 @@ impl NorFlashError for FlashError {
     }
 }
 
-/// How much a chip has been used.
+/// Use of a chip so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wear {
     /// Erasures of each page, torn ones included.
@@ -84,7 +84,7 @@ pub struct Wear {
 #[derive(Clone)]
 struct Chip<const PAGE_LEN: usize> {
     bytes: Vec<u8>,
-    /// Of each word, whether it has been written since it was erased.
+    /// True for each word that has been written since it was erased.
     is_written: Vec<bool>,
     wear: Wear,
     random: ChaCha8Rng,
@@ -93,7 +93,7 @@ struct Chip<const PAGE_LEN: usize> {
     is_worn: bool,
     /// Reads up to the one that fails.
     reads_left: Option<u32>,
-    /// Operations begun, and who waits for the next.
+    /// Operations begun.
     begun: u64,
     /// Time of the operation that began last.
     takes: Time,
@@ -109,7 +109,7 @@ impl<const PAGE_LEN: usize> Chip<PAGE_LEN> {
             let kept = if whole { 0 } else { self.random.random::<u8>() };
             *old &= new | kept;
         }
-        // A torn word that looks erased is one to everybody.
+        // A torn word that looks erased counts as erased.
         self.is_written[at / WORD] = whole || bytes != [0xFF; WORD];
     }
 
@@ -126,8 +126,8 @@ impl<const PAGE_LEN: usize> Chip<PAGE_LEN> {
         self.is_written[page * words..][..words].fill(false);
     }
 
-    /// Takes changes from those that the power lasts for. How many there are, and whether the last
-    /// of them is torn.
+    /// Takes changes from those that the power lasts for. Returns their number, and true if the last of them is
+    /// torn.
     fn spend(&mut self, changes: usize) -> Result<(usize, bool), FlashError> {
         let Some(left) = self.power else {
             return Ok((changes, false));
@@ -186,8 +186,7 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         }
     }
 
-    /// A handle to the same chip whose operations take no time: what was on it before the
-    /// simulation began.
+    /// A handle to the same chip whose operations take no time, for its contents from before the simulation began.
     #[must_use]
     pub fn programmer(&self) -> Self {
         Self {
@@ -211,13 +210,13 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         Ref::map(self.chip.borrow(), |chip| chip.bytes.as_slice())
     }
 
-    /// All bytes, to let them rot, or to put there what another flash holds. Whether a word has been
-    /// written does not change.
+    /// All bytes, to let them rot, or to put there the contents of another flash. It does not change which words
+    /// count as written.
     pub fn bytes_mut(&self) -> RefMut<'_, [u8]> {
         RefMut::map(self.chip.borrow_mut(), |chip| chip.bytes.as_mut_slice())
     }
 
-    /// How much it has been used.
+    /// Returns its use so far.
     pub fn wear(&self) -> Wear {
         self.chip.borrow().wear.clone()
     }
@@ -227,13 +226,13 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         self.chip.borrow().wear.erasures.iter().copied().max()
     }
 
-    /// Power on: for good, or for so many more changes of a word or a page. The last of them is
-    /// torn, and it and whatever follows fail.
+    /// Power on: for good, or for so many more changes of a word or a page. The last of them is torn, and it and
+    /// all that follow fail.
     pub fn power(&self, changes: Option<u32>) {
         self.chip.borrow_mut().power = changes;
     }
 
-    /// Whether the power has not failed.
+    /// Returns true if the power has not failed.
     pub fn has_power(&self) -> bool {
         self.chip.borrow().power != Some(0)
     }
@@ -248,8 +247,7 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         self.chip.borrow_mut().reads_left = Some(number);
     }
 
-    /// Returns when the next write or erasure begins, with how long it takes: to plan a power cut
-    /// within.
+    /// Returns when the next write or erasure begins, with its duration: to plan a power cut within.
     pub async fn next_operation(&self) -> Time {
         let begun = self.chip.borrow().begun;
         poll_fn(|context| {
@@ -333,7 +331,7 @@ impl Job<'_> {
 struct Operation<'a, const PAGE_LEN: usize> {
     flash: &'a Flash<PAGE_LEN>,
     steps: usize,
-    /// Of these, those that the power lasts for.
+    /// Steps for which the power lasts.
     whole: usize,
     begun: Time,
     job: Job<'a>,

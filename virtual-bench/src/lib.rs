@@ -6,15 +6,15 @@
 //! | module | job |
 //! |---|---|
 //! | [`executor`] | Virtual time: tasks, timers, power cuts, pace. |
-//! | [`medium`] | Radio: who hears whom and what is lost why, behind `zigbee_link`'s `Radio`. |
+//! | [`medium`] | Radio: range, losses and their reasons, behind `zigbee_link`'s `Radio`. |
 //! | [`mod@line`] | UARTs with the time that bytes take, to an emulated camera or to a program. |
 //! | [`polled`] | Sockets and devices as UARTs, in real time. |
 //! | [`flash`] | NOR flash that outlasts its node and may be torn by a power cut. |
 //! | [`random`] | Chance: one root seed, named streams. |
 //!
-//! A test makes an [`Executor`](executor::Executor), gives its clock to all else, spawns firmware,
-//! and runs it until a time. What outlasts a node that loses its power (its flash, its place on the
-//! air, its line) belongs to the test; the node gets handles.
+//! A test makes an [`Executor`](executor::Executor), gives its clock to all else, spawns firmware, and runs it
+//! until a time. Parts that outlast a node that loses its power (its flash, its place on the air, its line) belong
+//! to the test; the node gets handles.
 //!
 //! # Example
 //! A node that sends every second, another one that hears it, and a power cut between the third

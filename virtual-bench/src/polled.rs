@@ -8,7 +8,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 
 use super::executor::{Clock, Time};
 
-/// How often a quiet line is looked at. The operating system keeps what comes in between.
+/// Interval at which a quiet line is looked at. The operating system keeps bytes that come in between.
 const PERIOD: Time = 1_000_000;
 
 /// Something that reads and writes without waiting: with nothing to do it fails with

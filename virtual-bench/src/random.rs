@@ -1,7 +1,7 @@
 //! Chance from one root seed.
 //!
-//! Everybody who needs chance asks for a stream by name and number. A stream depends on the root
-//! seed, the name and the number only, so one more consumer changes nothing for the others.
+//! Every user of chance asks for a stream by name and number. A stream depends on the root seed, the name and the
+//! number only, so one more consumer changes nothing for the others.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -11,13 +11,13 @@ use rand_chacha::ChaCha8Rng;
 pub struct Root(pub u64);
 
 impl Root {
-    /// A seed for somebody who makes numbers of it by themselves.
+    /// A seed for a generator elsewhere.
     pub fn seed(self, name: &str, number: u64) -> u64 {
         let start = mix(self.0);
         let named = name
             .bytes()
             .fold(start, |hash, byte| mix(hash ^ u64::from(byte)));
-        // The length keeps apart what ends in different places.
+        // The length keeps names apart whose bytes end in different places.
         mix(mix(named ^ name.len() as u64) ^ number)
     }
 

@@ -30,7 +30,7 @@ pub(crate) const SUITES: [Suite; 3] = [
 /// In the documentation, by roles.
 const TABLE: &str = "chip: stack";
 const ROLES: [&str; 4] = ["coordinator", "camera", "reference", "target"];
-/// What a test says behind a role and the number of bytes.
+/// Text that a test prints behind a role and the number of bytes.
 const USED: &str = " bytes of stack were used";
 
 /// Compares the emulated processor with another one, and runs the image as nodes of a site, at last within a
@@ -47,7 +47,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     stack(sh, bound, &said)
 }
 
-/// The processor has the same arithmetic as QEMU's, which others wrote.
+/// The processor has the same arithmetic as QEMU's, which is an independent implementation.
 fn compare(sh: &Shell) -> Result<()> {
     let (image, by_qemu) = cortex_m::results_of_cortex_m4f(sh)?;
     let print = harness::program(sh, "print")?;
@@ -60,7 +60,7 @@ fn compare(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// How much stack each role used at most, which is less than was computed, for the documentation.
+/// Most stack that each role used, which is less than was computed, for the documentation.
 fn stack(sh: &Shell, bound: u64, said: &str) -> Result<()> {
     let mut rows = vec![
         [
@@ -84,7 +84,7 @@ fn stack(sh: &Shell, bound: u64, said: &str) -> Result<()> {
     documented::agree(sh, "test --stage chip", &[table])
 }
 
-/// The most of what tests said of a role.
+/// The largest figure that tests printed for a role.
 fn most_used(said: &str, role: &str) -> Option<u64> {
     let used = said.lines().filter_map(|line| {
         let (before, _) = line.split_once(USED)?;
@@ -94,7 +94,7 @@ fn most_used(said: &str, role: &str) -> Option<u64> {
     used.max()
 }
 
-/// How fast the emulator is, what nodes draw in an hour, every cut of the power there is while nodes join, and a
+/// Speed of the emulator, currents of nodes in an hour, every cut of the power there is while nodes join, and a
 /// thousand at random instants of calibrations.
 ///
 /// # Errors

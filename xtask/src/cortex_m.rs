@@ -19,7 +19,7 @@ struct Processor {
     name: &'static str,
     target: &'static str,
     machine: Machine,
-    /// What [`RESULTS`] prints there.
+    /// Output of [`RESULTS`] there.
     results: fn(&mut String) -> fmt::Result,
 }
 
@@ -174,7 +174,7 @@ fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {
     Ok(measurements)
 }
 
-/// [`RESULTS`] for a processor, and what it prints there.
+/// [`RESULTS`] for a processor, and its output there.
 fn results(sh: &Shell, processor: &Processor) -> Result<(PathBuf, String)> {
     let image = build(sh, processor, RESULTS)?;
     let printed = qemu::run(&processor.machine, &image)
@@ -182,7 +182,7 @@ fn results(sh: &Shell, processor: &Processor) -> Result<(PathBuf, String)> {
     Ok((image, printed))
 }
 
-/// The image that prints results on a Cortex-M4F, and what it prints in QEMU.
+/// The image that prints results on a Cortex-M4F, and its output in QEMU.
 ///
 /// # Errors
 /// It cannot be built or run.
@@ -191,7 +191,7 @@ pub(crate) fn results_of_cortex_m4f(sh: &Shell) -> Result<(PathBuf, String)> {
     results(sh, processor)
 }
 
-/// Whether two machines have printed the same results, to the last bit; how many there are.
+/// Checks that two machines have printed the same results, to the last bit; returns their number.
 ///
 /// # Errors
 /// One is another one, or missing, or there is none.

@@ -1,5 +1,5 @@
-//! Figures in the documentation that chores measure: a chore that measures them compares them with what
-//! the pages say, or, with `UPDATE=1`, writes them there.
+//! Figures in the documentation that chores measure: a chore that measures them compares them with the pages, or,
+//! with `UPDATE=1`, writes them there.
 
 use std::{collections::BTreeSet, env, fs};
 
@@ -9,8 +9,8 @@ use xshell::Shell;
 const PAGES: [&str; 2] = ["README.md", "docs/hardware.md"];
 const END: &str = "<!-- end -->";
 
-/// How far a figure may be from the one on a page: by a hundredth, or by this. Compilers place and inline a
-/// little differently from one machine to the next, and nobody is helped by a page that follows that.
+/// Distance that a figure may have from the one on a page: a hundredth, or this. Compilers place and inline a
+/// little differently from one machine to the next, and a page need not follow that.
 const NOISE: u64 = 256;
 
 /// A table of Markdown by its name: `<!-- NAME -->` is above it on a page, and `<!-- end -->` below.
@@ -67,7 +67,8 @@ fn begin(table: &str) -> String {
     format!("<!-- {table} -->\n")
 }
 
-/// The page with these tables, where they are not what it has but for [`NOISE`], and the rows that are new.
+/// The page with these tables, where they differ from the old ones by more than [`NOISE`], and the rows that are
+/// new.
 fn made_anew(
     page: &str,
     tables: &[Table],
@@ -105,7 +106,7 @@ fn made_anew(
     page
 }
 
-/// Whether two rows are the same but for [`NOISE`].
+/// Returns true if two rows are the same but for [`NOISE`].
 fn is_alike(old: &str, new: &str) -> bool {
     let (old, new): (Vec<_>, Vec<_>) = (old.split('|').collect(), new.split('|').collect());
     let figure = |cell: &str| cell.trim().replace(',', "").parse::<u64>().ok();

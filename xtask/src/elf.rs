@@ -1,4 +1,4 @@
-//! What of a linked image takes memory.
+//! Parts of a linked image that take memory.
 
 use anyhow::{Result, bail};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
@@ -6,7 +6,7 @@ use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 /// Bytes that an image takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Size {
-    /// What is written to the flash: code, constants, and first values of variables.
+    /// Bytes written to the flash: code, constants, and first values of variables.
     pub(crate) flash: u64,
     /// Variables.
     pub(crate) ram: u64,

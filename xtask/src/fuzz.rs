@@ -55,11 +55,11 @@ const PROGRAM: &str = "fuzz";
 /// Variable of its environment that names the target.
 const TARGET: &str = "FUZZ_TARGET";
 
-/// How much of what a target said is shown of a finding.
+/// Number of lines of a target's output that are shown of a finding.
 const TAIL: usize = 40;
 
-/// Tries `runs` inputs on each target, starting from its corpus; what is new stays out of it. With a
-/// `seed`, the same ones each time as long as the target and what was found before are the same.
+/// Tries `runs` inputs on each target, starting from its corpus; new inputs stay out of it. With a `seed`, they
+/// are the same ones each time as long as the target and its earlier findings are the same.
 ///
 /// # Errors
 /// A target does not compile, found something or tried fewer inputs.
@@ -129,7 +129,7 @@ fn try_inputs(
     Ok(())
 }
 
-/// How many inputs a target tried.
+/// Number of inputs that a target tried.
 fn tried(said: &str) -> Option<u32> {
     said.lines()
         .find_map(|line| line.strip_prefix("stat::number_of_executed_units:"))?
@@ -138,7 +138,7 @@ fn tried(said: &str) -> Option<u32> {
         .ok()
 }
 
-/// What a target found, and how to see it again.
+/// A target's finding, and the way to see it again.
 fn finding(said: &str, target: &str, program: &Path) -> String {
     let lines: Vec<_> = said.lines().collect();
     let tail = lines[lines.len().saturating_sub(TAIL)..].join("\n");
@@ -165,7 +165,7 @@ fn all_targets(sh: &Shell) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The name of this computer's kind, which is that of a folder of what is built.
+/// The name of this computer's kind, which is that of a folder of the build.
 fn host(sh: &Shell) -> Result<String> {
     let version = cmd!(sh, "rustc -vV").quiet().read()?;
     let host = version.lines().find_map(|line| line.strip_prefix("host: "));

@@ -1,4 +1,4 @@
-//! Tests as cargo runs them, and how many ran: where none did, nothing has passed.
+//! Tests as cargo runs them, and their number: where none ran, nothing has passed.
 
 use std::{
     io::{BufRead, BufReader, Write},
@@ -22,11 +22,11 @@ const WITHOUT_TESTS: [&str; 4] = [
     "nucleo-l476rg",
 ];
 
-/// What cargo keeps to build parts of a crate again costs time, and here everything is built.
+/// The data that cargo keeps to build parts of a crate again costs time, and here everything is built.
 const INCREMENTAL: (&str, &str) = ("CARGO_INCREMENTAL", "0");
 
-/// Tests that need what a stage of their own builds first, and that are ignored elsewhere: those of one module
-/// of a package's integration tests.
+/// Tests that need programs that a stage of their own builds first, and that are ignored elsewhere: those of one
+/// module of a package's integration tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Suite {
     pub(crate) package: &'static str,
@@ -64,7 +64,7 @@ pub(crate) fn is_cold(sh: &Shell) -> bool {
             .all(|name| !name.starts_with("host-sim-"))
 }
 
-/// What test programs said of themselves, all together.
+/// Counts that test programs print, all together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Counts {
     programs: usize,
@@ -81,7 +81,7 @@ struct Program {
     tests: Tests,
 }
 
-/// What a program would run.
+/// Tests that a program would run.
 #[derive(Clone, Debug, PartialEq)]
 struct Tests {
     package: String,
@@ -137,8 +137,8 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Runs tests that are ignored elsewhere, and returns what they say. They are built as those of the workspace
-/// are: with other features, cargo would build everything again.
+/// Runs tests that are ignored elsewhere, and returns their output. They are built as those of the workspace are:
+/// with other features, cargo would build everything again.
 ///
 /// # Errors
 /// One fails, or a suite has none.
@@ -173,8 +173,8 @@ pub(crate) fn ignored(sh: &Shell, suites: &[Suite]) -> Result<String> {
     Ok(all_said)
 }
 
-/// Builds a program of the workspace with the features and the profile of its tests, so that little of it
-/// is built for this alone, and returns where it is.
+/// Builds a program of the workspace with the features and the profile of its tests, so that little of it is built
+/// for this alone, and returns its path.
 ///
 /// # Errors
 /// It does not compile, or there is none.
@@ -198,7 +198,7 @@ pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
     bail!("cargo built no program `{name}`")
 }
 
-/// Runs tests, shows what they say while they do, and counts them.
+/// Runs tests, shows their output while they run, and counts them.
 fn run(command: Cmd<'_>) -> Result<(Counts, String)> {
     let shown = command.to_string();
     eprintln!("$ {shown}");
@@ -222,7 +222,7 @@ fn run(command: Cmd<'_>) -> Result<(Counts, String)> {
 }
 
 impl Counts {
-    /// Reads what test programs said: the line that each ends with.
+    /// Reads the output of test programs: the line that each ends with.
     fn of(said: &str) -> Self {
         let mut counts = Self::default();
         for line in said.lines() {
@@ -246,7 +246,7 @@ impl Counts {
     }
 }
 
-/// Whether each member has tests, and each test a stage that runs it.
+/// Checks that each member has tests, and that each ignored test has a stage that runs it.
 fn complete(members: &[&str], tests: &[&Tests]) -> Result<()> {
     for &member in members {
         let own = tests.iter().filter(|tests| tests.package == member);
@@ -270,7 +270,7 @@ fn complete(members: &[&str], tests: &[&Tests]) -> Result<()> {
     Ok(())
 }
 
-/// Whether all tests of a program have run.
+/// Checks that all tests of a program have run.
 fn all_ran(tests: &Tests, counts: Counts) -> Result<()> {
     let (all, ignored) = (tests.all, tests.ignored.len());
     let expected = Counts {
@@ -308,8 +308,8 @@ fn members(sh: &Shell) -> Result<Vec<(String, String)>> {
     Ok(members)
 }
 
-/// Builds test programs, all or what the options choose, and asks each for its tests. Always with the same
-/// features, so that what all have in common is built once.
+/// Builds test programs, all or those that the options choose, and asks each for its tests. Always with the same
+/// features, so that their common parts are built once.
 fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Result<Vec<Program>> {
     let messages = cmd!(
         sh,

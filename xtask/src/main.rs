@@ -26,6 +26,7 @@ mod setup;
 mod size;
 mod test;
 mod usage;
+mod words;
 
 /// The project's chores.
 #[derive(Parser)]
@@ -72,7 +73,7 @@ enum Chore {
     ///
     /// `cargo xtask fuzz --runs 10000000` is the long form, a target at a time if its name is given.
     Fuzz {
-        /// Which targets; all by default
+        /// Targets; all by default
         targets: Vec<String>,
         /// Inputs to try for each
         #[arg(long, default_value_t = 10 * fuzz::BRIEF)]
@@ -104,7 +105,7 @@ fn tool(sh: &Shell, name: &str) -> PathBuf {
     sh.current_dir().join(name)
 }
 
-/// Copies this program to a path, and replaces what is there at once: another run may use it just now.
+/// Copies this program to a path, and replaces the file there at once: another run may use it just now.
 fn copy_of_this(path: &Path) -> anyhow::Result<()> {
     let folder = path.parent().context("a program is in a folder")?;
     fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
@@ -114,8 +115,8 @@ fn copy_of_this(path: &Path) -> anyhow::Result<()> {
         .with_context(|| format!("{} cannot be written", path.display()))
 }
 
-/// Prints an error and its causes. Where in this program it arose helps nobody, whatever
-/// `RUST_BACKTRACE` is.
+/// Prints an error and its causes. The place in this program where it arose is of no help, even if
+/// `RUST_BACKTRACE` is set.
 fn complain(error: &anyhow::Error) {
     eprintln!("Error: {error}");
     for cause in error.chain().skip(1) {

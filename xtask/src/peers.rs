@@ -18,7 +18,7 @@ use xshell::{Shell, cmd};
 
 use crate::harness::{self, Suite};
 
-/// A package that only names the crate, so that cargo fetches it and tells where it is.
+/// A package that only names the crate, so that cargo fetches it and tells its path.
 const MANIFEST: &str = "xtask/peers/Cargo.toml";
 /// The crate, whose version `xtask/peers/Cargo.lock` tells.
 const CRATE: &str = "openthread-sys";
@@ -108,7 +108,7 @@ fn geckodriver(sh: &Shell) -> Result<PathBuf> {
     Ok(program)
 }
 
-/// The version of OpenThread's crate, and where cargo has put the source.
+/// The version of OpenThread's crate, and the path where cargo has put the source.
 fn source(sh: &Shell) -> Result<(String, PathBuf)> {
     let metadata = cmd!(
         sh,

@@ -14,10 +14,10 @@ const PROGRAM: &str = "qemu-system-arm";
 
 /// A run takes seconds; one that takes this long hangs.
 const TIMEOUT: Duration = Duration::from_secs(120);
-/// How often it is looked at.
+/// Interval at which it is looked at.
 const PERIOD: Duration = Duration::from_millis(5);
 
-/// What is emulated, by what QEMU calls it.
+/// Emulated machine, by its arguments to QEMU.
 pub(crate) struct Machine(&'static [&'static str]);
 
 /// An MPS2 with image AN386: a Cortex-M4F.
@@ -36,7 +36,7 @@ impl Drop for Running {
     }
 }
 
-/// Runs a program to its end, an instruction a nanosecond of its time: what it prints.
+/// Runs a program to its end, an instruction a nanosecond of its time. Returns its output.
 ///
 /// # Errors
 /// It does not end, or not well.

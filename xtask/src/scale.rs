@@ -1,8 +1,8 @@
 //! Instructions of short fixed runs of `host-sim`, beside those that are written down: speed is not lost, or
 //! won, unnoticed.
 //!
-//! Valgrind counts them, on a processor of its own, so that they are the same on every machine; what hashes in
-//! an order of its own changes them in the fifth digit. The program is that of the tests.
+//! Valgrind counts them, on a processor of its own, so that they are the same on every machine; hashes in an order
+//! of their own change them in the fifth digit. The program is that of the tests.
 
 use std::{collections::BTreeMap, fs, path::PathBuf, process::Command, thread};
 
@@ -12,7 +12,7 @@ use xshell::Shell;
 
 use crate::harness;
 
-/// What was counted before, in this repository.
+/// Earlier counts, in this repository.
 const TABLE: &str = "bench/scale.json";
 
 /// A count that differs by more than this share is told as an error.
@@ -21,7 +21,7 @@ const TOLERANCE: f64 = 0.05;
 /// Set to anything, the counts are written down instead of compared.
 const UPDATE: &str = "UPDATE_SCALE";
 
-/// What is run: a whole network with all that is around it; two that do not hear each other; answers to recorded
+/// Runs: a whole network with all that is around it; two that do not hear each other; answers to recorded
 /// sightings.
 const RUNS: [(&str, &[&str]); 3] = [
     ("run lab", &["run", "lab"]),
@@ -36,10 +36,10 @@ const RUNS: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// Counts, and compares with what is written down.
+/// Counts, and compares with the earlier counts.
 ///
 /// # Errors
-/// A count differs by more than a twentieth, whichever way.
+/// A count differs by more than a twentieth, up or down.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let program = harness::program(sh, "host-sim")?;
     let counts = thread::scope(|scope| {
@@ -84,7 +84,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Of one run.
+/// Instructions of one run.
 fn instructions(program: &PathBuf, arguments: &[&str]) -> Result<u64> {
     let output = Command::new("valgrind")
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
@@ -100,7 +100,7 @@ fn instructions(program: &PathBuf, arguments: &[&str]) -> Result<u64> {
     collected(&said).with_context(|| format!("valgrind told no count: {said}"))
 }
 
-/// From the line `==1234== Collected : 5678`.
+/// Count from the line `==1234== Collected : 5678`.
 fn collected(said: &str) -> Option<u64> {
     let line = said.lines().rfind(|line| line.contains("Collected :"))?;
     line.rsplit_once(": ")?.1.trim().parse().ok()

@@ -1,5 +1,5 @@
-//! What the chores need and a fresh machine may lack: installed where that is allowed, otherwise
-//! named with what to type.
+//! Programs that the chores need and a fresh machine may lack: installed where that is allowed, otherwise named
+//! with the command to type.
 
 use std::{env, ffi::OsStr, path::Path};
 
@@ -108,7 +108,8 @@ pub(crate) fn targets(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Whether this runs where nobody reads what was left out. Nothing else in this project asks for `CI`.
+/// Returns true if this runs where no developer reads which stages were left out. Nothing else in this project
+/// asks for `CI`.
 pub(crate) fn is_ci() -> bool {
     says_ci(env::var_os("CI").as_deref())
 }
@@ -214,7 +215,7 @@ mod tests {
         }
     }
 
-    /// A chore that changes `Cargo.lock` would test what nobody else gets.
+    /// A chore that changes `Cargo.lock` would test another build than users get.
     #[test]
     fn every_call_of_cargo_is_locked() {
         let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];

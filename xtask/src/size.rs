@@ -15,7 +15,7 @@ use crate::elf::{self, Size};
 const PACKAGE: &str = "bench-size";
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// What every image has: the start of the processor.
+/// Image with only the common part: the start of the processor.
 const EMPTY: &str = "empty";
 
 struct Image {

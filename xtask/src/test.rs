@@ -9,6 +9,7 @@ use xshell::{Shell, cmd};
 use crate::{
     chip, cortex_m, firmware, fuzz, harness, peers, scale, setup, size,
     usage::{self, Meter, Usage},
+    words,
 };
 
 /// Everything that must hold, stage by stage
@@ -30,8 +31,8 @@ pub(crate) struct Test {
 /// Variable that tells tests to take their long form.
 const LONG: &str = "XTASK_ALL";
 
-/// Compilation units of a run that begins with nothing built. CI fails with 5 % more: a dependency, a profile
-/// or a set of features that is new costs everybody time.
+/// Compilation units of a run that begins with nothing built. CI fails with 5 % more: a dependency, a profile or a
+/// set of features that is new costs every developer time.
 const UNITS: usize = 2_546;
 
 /// Libraries that run on a node.
@@ -89,7 +90,11 @@ const STAGES: [Stage; 17] = [
         "tools that the others need, and a lock file that fits",
         set_up,
     ),
-    stage("format", "code as rustfmt writes it", format),
+    stage(
+        "format",
+        "code as rustfmt writes it, and plain words in comments and pages",
+        format,
+    ),
     stage("lint", "clippy, for this computer and for the boards", lint),
     stage(
         "test",
@@ -201,7 +206,7 @@ fn compare_units(units: usize) -> Result<()> {
     Ok(())
 }
 
-/// Runs stages until one fails, and prints what each took. Returns the compilation units of all.
+/// Runs stages until one fails, and prints the time that each took. Returns the compilation units of all.
 fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
     let whole = Meter::start(sh);
     let mut summary = format!("{:>7} {:>9} {:>6}\n", "wall", "processor", "units");
@@ -261,7 +266,7 @@ fn row(meter: &Result<Meter>, what: &str) -> (String, usize) {
     (row, units)
 }
 
-/// How many stages came to which end.
+/// Number of stages that came to each end.
 #[derive(Debug, Default, PartialEq)]
 struct Count {
     passed: usize,
@@ -282,7 +287,7 @@ impl Count {
     }
 }
 
-/// What is missing for a stage: the one rule of what may be left out, and where.
+/// Program that a stage lacks: the one rule for leaving stages out.
 fn left_out(stage: &Stage, sh: &Shell, is_ci: bool) -> Result<Option<String>> {
     match (stage.needs)(sh) {
         Ok(()) => Ok(None),
@@ -300,8 +305,8 @@ fn packages_and_linker(sh: &Shell) -> Result<()> {
     setup::linker(sh)
 }
 
-/// What later stages need, so that what cannot be installed is told at once. Sources and tools that
-/// are built are fetched where they are needed.
+/// Installs the tools of later stages, so that it is told at once if one cannot be installed. Sources and tools
+/// that are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
     setup::locked(sh)?;
     setup::targets(sh)?;
@@ -316,7 +321,8 @@ fn set_up(sh: &Shell) -> Result<()> {
 fn format(sh: &Shell) -> Result<()> {
     cmd!(sh, "cargo fmt --all --check")
         .run()
-        .context("type `cargo fmt --all`")
+        .context("type `cargo fmt --all`")?;
+    words::check(sh)
 }
 
 fn lint(sh: &Shell) -> Result<()> {
@@ -397,16 +403,16 @@ fn measure(sh: &Shell) -> Result<()> {
     size::within_budget(&measurements)
 }
 
-/// Built as tests are, of what is built by then: to build all again for a release takes far longer than
-/// what it saves.
+/// Built as tests are, from parts that are built by then: to build all again for a release takes far longer than
+/// the time that it saves.
 fn bench(sh: &Shell) -> Result<()> {
     let program = harness::program(sh, "bench")?;
     cmd!(sh, "{program} brief").run()?;
     Ok(())
 }
 
-/// About a minute. The goal is none of both shares; these are what is reached, so that no change makes it
-/// worse unseen.
+/// About a minute. The goal is none of both shares; these are the values reached, so that no change makes it worse
+/// unseen.
 fn campaign(sh: &Shell) -> Result<()> {
     let program = harness::program(sh, "campaign")?;
     let reached = ["--deceiving", "0.02", "--late", "0.15"];

@@ -18,7 +18,7 @@ use xshell::{PushEnv, Shell};
 /// Variable that names the file in which compilation units are counted.
 pub(crate) const COUNT_IN: &str = "XTASK_COUNT_IN";
 
-/// Where the units of this run are counted: a byte each.
+/// File in which the units of this run are counted: a byte each.
 const COUNTER: &str = "target/tools/units";
 /// Name under which this program wraps the compiler: a copy, so that a build can replace the original.
 pub(crate) const WRAPPER: &str = "count-units";
@@ -90,8 +90,8 @@ pub(crate) struct Counting<'s> {
     _wrapper: PushEnv<'s>,
 }
 
-/// Makes every cargo that is started from now on count what it compiles. A compiler that is wrapped already
-/// keeps its wrapper, and nothing is counted.
+/// Makes every cargo that is started from now on count its units. A compiler that is wrapped already keeps its
+/// wrapper, and nothing is counted.
 ///
 /// # Errors
 /// A file under `target` cannot be written.

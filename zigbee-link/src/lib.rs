@@ -37,15 +37,15 @@
 //! | a node that is a device or a coordinator of 16 members | 38.5 KB | 4.5 KB |
 //!
 //! AES is 2.6 KB of it: the `aes` crate's constant-time one, with `--cfg aes_backend_soft="compact"`,
-//! else 1 KB more. The panics left in an image are those that the compiler puts into every future,
-//! for whoever polls it after its end, and of [`runner::Shared::with`], when it is called from
-//! within itself.
+//! else 1 KB more. The panics left in an image are those that the compiler puts into every future, for a
+//! caller that polls it after its end, and that of [`runner::Shared::with`], when it is called from within
+//! itself.
 //!
-//! Functions that are not inlined, though the compiler would, have many callers or move large values,
-//! and make the image smaller; they are marked `size`. Constructors that are always inlined make a
-//! value in its place that each return would else copy on the stack; they are marked `stack`. What a
-//! node does with a frame takes some 800 bytes of the stack, all of it in the future of
-//! [`runner::run`]: polled in a function that is not inlined, they are free while others run.
+//! Functions that are not inlined, though the compiler would, have many callers or move large values, and make the
+//! image smaller; they are marked `size`. Constructors that are always inlined make a value in its place that each
+//! return would else copy on the stack; they are marked `stack`. The work of a node on a frame takes some 800
+//! bytes of the stack, all of it in the future of [`runner::run`]: polled in a function that is not inlined, they
+//! are free while others run.
 //!
 //! # Example
 //! Two nodes without radio: what one sends, the other receives.

@@ -41,7 +41,7 @@ impl<C: Clock> Clock for &C {
     }
 }
 
-/// Why a node stopped.
+/// Reason why a node stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RunnerError<R, F> {
@@ -62,7 +62,7 @@ impl<R, F> fmt::Display for RunnerError<R, F> {
 
 impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for RunnerError<R, F> {}
 
-/// What happened to a node.
+/// Event of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Happened<T> {
@@ -80,13 +80,13 @@ pub struct Shared<C, const PEERS: usize, const QUEUE: usize, const MEMBERS: usiz
     clock: C,
     /// For the runner: the application changed something.
     changed: Signal<NoopRawMutex, ()>,
-    /// For whoever waits in [`recv`](Self::recv).
+    /// For the caller that waits in [`recv`](Self::recv).
     received: Signal<NoopRawMutex, ()>,
-    /// For whoever waits in [`send`](Self::send).
+    /// For the caller that waits in [`send`](Self::send).
     settled: Signal<NoopRawMutex, ()>,
-    /// For whoever waits in [`happened`](Self::happened).
+    /// For the caller that waits in [`happened`](Self::happened).
     happened: Signal<NoopRawMutex, ()>,
-    /// The status that it knows.
+    /// The status that the caller of `happened` knows.
     known: Cell<NetworkStatus>,
 }
 
@@ -128,8 +128,8 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     /// }
     /// ```
     ///
-    /// `None`, and nothing was done, only where it came back all the same: through a thread's local, or
-    /// because somebody declared by `unsafe` that the [`Shared`] may be used by several threads.
+    /// `None`, and nothing was done, only where it came back all the same: through a thread's local, or because an
+    /// `unsafe` declaration lets several threads use the [`Shared`].
     pub fn with<T>(
         &self,
         act: impl FnOnce(&mut Node<PEERS, QUEUE, MEMBERS>, Instant) -> T + Send,
@@ -140,7 +140,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         result
     }
 
-    /// Wakes who waits for what there is.
+    /// Wakes the waiting callers for which there is something.
     fn wake(&self) {
         let waiting = self.node.with(|node| {
             let link = &node.link;
@@ -220,8 +220,8 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         }
     }
 
-    /// Waits for whatever happens next: for an application that is one loop. Cancel-safe. One task
-    /// at a time may wait, and nobody in [`send`](Self::send) or [`recv`](Self::recv) meanwhile.
+    /// Waits for the next event of any kind: for an application that is one loop. Cancel-safe. One task at a time
+    /// may wait, and none in [`send`](Self::send) or [`recv`](Self::recv) meanwhile.
     ///
     /// `status` is the one the application knows.
     pub async fn happened<T: DeserializeOwned>(&self, status: NetworkStatus) -> Happened<T> {
@@ -290,7 +290,7 @@ where
                 is_configured = true;
             }
             Some(Action::Transmit(len)) => {
-                // Whatever became of it: what matters is acknowledged end to end.
+                // The result of the transmission does not matter: what matters is acknowledged end to end.
                 debug_assert!(len <= frame.len());
                 let sent = radio.transmit(frame.get(..len).unwrap_or_default()).await;
                 if let Err(error) = sent {
@@ -330,12 +330,12 @@ where
     }
 }
 
-/// What several tasks of one executor use, one after the other.
+/// A value that several tasks of one executor use, one after the other.
 mod exclusive {
     use core::cell::{RefCell, RefMut};
 
-    /// A value that is used by one closure at a time. It lends no guard that somebody could keep, and a
-    /// closure that captures what it is in is not [`Send`]: so nobody uses it who is using it.
+    /// A value that is used by one closure at a time. It lends no guard that a caller could keep, and a closure
+    /// that captures what it is in is not [`Send`]: so no caller uses it twice at once.
     pub(super) struct Exclusive<T>(RefCell<T>);
 
     impl<T> Exclusive<T> {

@@ -10,7 +10,7 @@ impl<T, const N: usize> Slots<T, N> {
         Self([const { None }; N])
     }
 
-    /// Whether there was room.
+    /// Puts a thing into a free place. Returns true if there was room.
     #[must_use]
     pub(crate) fn put(&mut self, thing: T) -> bool {
         let free = self.0.iter_mut().find(|slot| slot.is_none());
@@ -42,7 +42,7 @@ impl<T, const N: usize> Slots<T, N> {
         self.0.iter_mut().flatten()
     }
 
-    /// What is in a place, of `N`.
+    /// The thing in a place, of `N`.
     pub(crate) fn get_mut(&mut self, place: usize) -> Option<&mut T> {
         self.0.get_mut(place)?.as_mut()
     }

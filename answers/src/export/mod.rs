@@ -79,21 +79,21 @@ impl Frame {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// Nobody knows where a network is.
+    /// The place of a network is not known.
     #[error(
         "where the network is in the building is not known: give the site file (--site), with the \
          places of both reference cameras, or take --frame network"
     )]
     NoBuilding,
-    /// That of the CSV writer.
+    /// Error of the CSV writer.
     #[error(transparent)]
     Csv(#[from] csv::Error),
-    /// That of the YAML writer.
+    /// Error of the YAML writer.
     #[error(transparent)]
     Yaml(#[from] serde_saphyr::ser::Error),
 }
 
-/// Which camera, in CSV.
+/// Identity of a camera, in CSV.
 #[derive(Serialize)]
 struct CsvCamera {
     camera: u16,
@@ -104,7 +104,7 @@ struct CsvCamera {
     reason: Option<&'static str>,
 }
 
-/// How right its pose is, and what it was made of.
+/// Quality of its pose, and the measurements that it was made of.
 #[derive(Serialize)]
 struct CsvTruth {
     true_x: Option<f64>,
@@ -139,7 +139,7 @@ impl From<&Node> for CsvTruth {
     }
 }
 
-/// What checks its pose, in CSV.
+/// Protection of its pose, in CSV.
 #[derive(Serialize)]
 struct CsvCheck {
     checked: bool,
@@ -153,8 +153,8 @@ struct CsvCheck {
 /// `cov_xy`, `cov_xt`, `cov_yy`, `cov_yt`, `cov_tt`, headings in degrees), the truth (`true_...`) and
 /// the error (`error_...`) where they are known, `sightings`, how many of them the pose uses
 /// (`used`), `chi_squared`, `done` (it needs no more), its `address`, whether its pose is `checked`, and how
-/// far one wrong measurement that nobody noticed could move and turn it (`protection`,
-/// `protection_heading_deg`; empty of references, and where no target told).
+/// far one unnoticed wrong measurement could move and turn it (`protection`, `protection_heading_deg`; empty
+/// of references, and where no target told).
 ///
 /// # Errors
 /// [`ExportError`]

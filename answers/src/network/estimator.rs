@@ -27,7 +27,7 @@ pub(super) struct Visit {
     pub sigma: f64,
 }
 
-/// What goes into an estimator.
+/// Input of an estimator.
 #[derive(Clone, Debug)]
 pub(super) struct Input {
     pub cameras: usize,
@@ -41,12 +41,12 @@ pub(super) struct Input {
     pub visits: Vec<Visit>,
 }
 
-/// How much is asked of an estimator: poses alone cost least.
+/// Amount of work asked of an estimator: poses alone cost least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Depth {
     /// Poses, places and carrier from all measurements as they are.
     Answers,
-    /// Without what contradicts, with residuals and protection levels.
+    /// Without contradicting measurements, with residuals and protection levels.
     Checked { fit_legs: bool },
 }
 
@@ -60,11 +60,11 @@ impl Depth {
     }
 }
 
-/// What comes out.
+/// Output of an estimator.
 #[derive(Clone, Debug)]
 pub(super) struct Output {
     pub fit: Fit<f64>,
-    /// Of each camera, references included.
+    /// Poses of all cameras, references included.
     pub poses: Vec<Option<Pose<f64>>>,
     pub protections: Vec<Option<ProtectionLevels<f64>>>,
     /// Where they are estimated.
@@ -107,7 +107,7 @@ pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
     solve_in_memory(input, depth, is_long).map_err(Failure::Joint)
 }
 
-/// Of a long walk all unknowns are solved together, as sparse equations.
+/// All unknowns of a long walk are solved together, as sparse equations.
 fn solve_in_memory(input: &Input, depth: Depth, is_long: bool) -> Result<Output, JointError> {
     let capacity = Capacity {
         cameras: input.cameras,
@@ -270,7 +270,7 @@ mod tests {
         }
     }
 
-    /// What is found, told and left out does not depend on which equations are solved.
+    /// The results, and what is left out, do not depend on which equations are solved.
     #[test]
     fn sparse_equations_say_the_same() {
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-5 * (1.0 + b.abs());

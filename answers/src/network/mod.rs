@@ -1,8 +1,8 @@
-//! A network solved again from what was measured in it.
+//! A network solved again from its measurements.
 //!
-//! What its nodes estimate on the way, all at once and in double precision: every camera, every
-//! stop, the references' headings and the carrier, with covariances, protection levels and what
-//! contradicts. See [`calib_core::joint`].
+//! Solves for all that its nodes estimate on the way, at once and in double precision: every camera, every
+//! stop, the references' headings and the carrier, with covariances, protection levels and the
+//! contradictions. See [`calib_core::joint`].
 //!
 //! Each target's walk is solved by itself, as the node that is carried solves it.
 //!
@@ -10,14 +10,13 @@
 //! measured.
 //!
 //! # Without displacements
-//! Cameras that saw targets together at five places or more, three of them or more, are solved from
-//! their bearings alone, up to scale: an opportunistic network. Stops of all targets then count
-//! together.
+//! Three or more cameras that saw targets together at five places or more are solved from their bearings
+//! alone, up to scale: an opportunistic network. Stops of all targets then count together.
 //!
 //! # Scale
-//! A known baseline sets it. Where that is not known, the carrier's scale does: every length is then
-//! as wrong as the carrier's distances are, and sigmas say so. Without displacements nothing does:
-//! lengths are then in units of the baseline.
+//! A known baseline sets the scale. If it is not known, the carrier's scale does: every length is then as
+//! wrong as the carrier's distances are, and sigmas say so. Without displacements nothing sets it: lengths are
+//! then in units of the baseline.
 
 use std::collections::BTreeSet;
 
@@ -44,7 +43,7 @@ mod walk;
 use estimator::Depth;
 use walk::Walk;
 
-/// What is not measured.
+/// Settings, none of which is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settings {
     /// Poses whose sigma of position is above this are weak. From bearings alone a tenth of the
@@ -69,7 +68,7 @@ impl Settings {
     }
 }
 
-/// What sets the scale of a solution.
+/// Source of the scale of a solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ScaleFrom {
@@ -97,11 +96,11 @@ pub struct NetworkSolution {
     /// The same for people.
     #[serde(skip)]
     pub advice: Option<String>,
-    /// What sets the scale.
+    /// Source of the scale.
     pub scale_from: ScaleFrom,
     /// The cameras that define the frame: the origin, and the one on the x axis.
     pub references: Option<[u16; 2]>,
-    /// How far they are apart.
+    /// Distance between them.
     pub baseline: Option<f64>,
     /// Zero where it was given.
     pub sigma_baseline: Option<f64>,
@@ -111,9 +110,9 @@ pub struct NetworkSolution {
     pub stops: Vec<Stop>,
     /// Stops without a place, and of no use for others: nothing ties them to the rest.
     pub left_out: Vec<u32>,
-    /// Who carried it.
+    /// Carrier of the target.
     pub carrier: Option<Carrier>,
-    /// What contradicted the rest and was left out.
+    /// Measurements that contradicted the rest and were left out.
     pub findings: Vec<Finding>,
     /// Each bearing of a camera with a pose.
     pub bearings: Vec<BearingResidual>,
@@ -136,30 +135,29 @@ pub struct Camera {
     pub camera: u16,
     /// It defines the frame.
     pub reference: bool,
-    /// What its pose is worth.
+    /// Status of its pose.
     pub status: Status,
     /// Why it has none, or is doubtful.
     pub reason: Option<&'static str>,
     /// Its pose.
     pub estimate: Option<Estimate>,
-    /// How far that may be off because of one wrong measurement that nobody noticed: at most so much
-    /// in 999 of 1,000 cases.
+    /// Most that the pose may be off because of one unnoticed wrong measurement: at most so much in 999 of
+    /// 1,000 cases.
     pub protection: Option<Protection>,
-    /// Share of an error that shows in the residual, of the bearing of which least does.
+    /// Share of an error that shows in the residual, of the least checked bearing.
     pub redundancy: Option<f64>,
-    /// Whether the protection level [is tolerated](Limits::tolerate): by a sigma of position up to the
-    /// limit of a weak one, or a tenth of the baseline, and one of heading of 0.1 radians. A reference's
-    /// is not asked.
+    /// True if the protection level [is tolerated](Limits::tolerate): by a sigma of position up to the limit of
+    /// a weak one, or a tenth of the baseline, and one of heading of 0.1 radians. A reference's is not asked.
     pub checked: bool,
     /// Its lens, where lenses were estimated.
     pub lens: Option<LensEstimate>,
-    /// How many bearings it gave.
+    /// Number of bearings that it gave.
     pub bearings: usize,
-    /// How many of them count.
+    /// Number of bearings that count.
     pub used: usize,
 }
 
-/// What a camera's lens is, by what it saw.
+/// Lens of a camera, estimated from what it saw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LensEstimate {
     /// True tangents of bearings over those measured: above 1 where the true field of view is wider
@@ -167,9 +165,9 @@ pub struct LensEstimate {
     pub factor: f64,
     /// Predicted standard deviation.
     pub sigma: f64,
-    /// How far what the bearings say is from 1, in sigmas of that and of what was given.
+    /// Distance of the estimate from 1, in sigmas of the estimate and of the given value together.
     pub off: f64,
-    /// Whether it is another lens, or another projection, than was given: off by more than 4.
+    /// True if it is another lens, or another projection, than was given: off by more than 4.
     pub wrong: bool,
     /// The field of view, where the one that was given is known.
     pub fov_deg: Option<f64>,
@@ -213,7 +211,7 @@ pub struct Stop {
     pub covariance: [f64; 3],
 }
 
-/// What a carrier gets wrong all the time.
+/// Systematic errors of a carrier.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Carrier {
     /// Length that it reads over the true one.
@@ -226,7 +224,7 @@ pub struct Carrier {
     pub sigma_compass_deg: f64,
 }
 
-/// What contradicts the rest.
+/// Measurement that contradicts the rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Finding {
@@ -272,7 +270,7 @@ pub enum Finding {
     },
 }
 
-/// What is left of a bearing.
+/// Residual of a bearing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BearingResidual {
     /// Of this target.
@@ -287,11 +285,11 @@ pub struct BearingResidual {
     pub redundancy: f64,
     /// The residual over its standard deviation; `null` where nothing checks it.
     pub normalised: Option<f64>,
-    /// Whether it counts.
+    /// Standing of the bearing: it counts, or is left out.
     pub standing: &'static str,
 }
 
-/// What is left of a range.
+/// Residual of a range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RangeResidual {
     /// Of this target.
@@ -306,22 +304,22 @@ pub struct RangeResidual {
     pub redundancy: f64,
     /// The residual over its standard deviation; `null` where nothing checks it.
     pub normalised: Option<f64>,
-    /// Whether it counts.
+    /// Standing of the range: it counts, or is left out.
     pub standing: &'static str,
 }
 
-/// What is left of a displacement.
+/// Residual of a displacement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LegResidual {
     /// Of this target.
     pub target: u16,
     /// The stop that it leads to.
     pub stop: u32,
-    /// Of what is checked.
+    /// Chi squared of the checked directions.
     pub chi_squared: f64,
-    /// How many directions are checked: 2, 1 or 0.
+    /// Number of directions that are checked: 2, 1 or 0.
     pub degrees_of_freedom: usize,
-    /// Whether it counts.
+    /// Standing of the displacement: it counts, or is left out.
     pub standing: &'static str,
 }
 
@@ -332,7 +330,7 @@ pub enum NetworkError {
     /// No bearing.
     #[error("has no bearings")]
     NoBearings,
-    /// Nobody defines the frame.
+    /// No references define the frame.
     #[error("names no references: say which two cameras define the frame, with --references")]
     NoReferences,
     /// A camera that defines the frame has no bearing.
@@ -356,7 +354,7 @@ pub enum NetworkError {
     )]
     NoWalk(&'static str),
     /// Ranges without a baseline: both would set the scale.
-    #[error("has ranges, and nobody knows the baseline: say how long it is with --baseline")]
+    #[error("has ranges, and the baseline is not known: say how long it is with --baseline")]
     RangesWithoutBaseline,
     /// A number is not finite, or a sigma or length not above zero.
     #[error("{0}: correct it")]
@@ -369,11 +367,11 @@ pub enum NetworkError {
     TooMany {
         /// Of this target.
         target: u16,
-        /// How many there are.
+        /// Number of cameras.
         cameras: usize,
         /// As `cameras`.
         stops: usize,
-        /// How many there may be, of each.
+        /// Most that is allowed of each.
         most: usize,
     },
 }
@@ -386,7 +384,7 @@ impl NetworkSolution {
     /// Why an answer is weak: there are no more measurements than unknowns, so that any would fit.
     pub const UNCHECKED: &'static str = "unchecked";
 
-    /// Whether there are poses, and the measurements that count do not speak against them.
+    /// Returns true if there are poses, and the measurements that count do not speak against them.
     pub fn is_good(&self) -> bool {
         matches!(self.status, Status::Calibrated | Status::Weak)
     }
@@ -526,14 +524,14 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
     Ok(())
 }
 
-/// What is known of a carrier of whom the measurements say nothing: what targets assume.
+/// Returns the carrier that targets assume where the measurements say nothing of it.
 pub fn usual_carrier(target: u16) -> crate::record::sightings::Carrier {
     let usual = TargetConfig::default();
     crate::record::sightings::Carrier {
         target,
         systematic_scale: usual.systematic_scale.into(),
         systematic_heading_deg: usual.systematic_heading_deg.into(),
-        // Of measurements that say nothing, the displacements have it.
+        // If the measurements say nothing of it, the displacements have it.
         standing_sigma: 0.0,
     }
 }
@@ -541,7 +539,7 @@ pub fn usual_carrier(target: u16) -> crate::record::sightings::Carrier {
 /// Larger sigmas, in baselines and radians, are no longer those of linear equations.
 const MOST_SIGMA: f64 = 0.1;
 
-/// What a pose is to be good for, where nobody says it.
+/// Limits of a good pose where the settings give none.
 fn limits(settings: &Settings, baseline: f64) -> Limits {
     Limits {
         sigma_position: settings.max_sigma.unwrap_or(MOST_SIGMA * baseline),

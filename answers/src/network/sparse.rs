@@ -23,7 +23,7 @@ struct Row {
     residual: f64,
 }
 
-/// What a node's elimination leaves: a panel of its own unknowns' columns.
+/// Result of a node's elimination: a panel of its own unknowns' columns.
 #[derive(Clone, Debug, Default)]
 struct Panel {
     /// The nodes after it that it is tied to, in the order of elimination.
@@ -144,7 +144,7 @@ impl Sparse {
         self.ordered = ties;
     }
 
-    /// Where the entry of two unknowns is: the node whose panel has it, and its place there.
+    /// Place of the entry of two unknowns: the node whose panel has it, and its place there.
     fn at(&self, panels: &[Panel], i: usize, j: usize) -> Option<(usize, usize)> {
         let (a, b) = (self.node[i], self.node[j]);
         let (node, column, row) = if self.place[a] <= self.place[b] {
@@ -178,7 +178,7 @@ impl Sparse {
                 for (j, b) in &entries[..=n] {
                     if let Some((node, at)) = self.at(&factor, *i, *j) {
                         factor[node].numbers[at] += a * b;
-                        // Of a node's own both halves are there.
+                        // A node's own entries have both halves.
                         if i != j && self.node[*i] == self.node[*j] {
                             let width = self.size(node);
                             let (row, column) = (at / width, at % width);
@@ -214,7 +214,7 @@ impl Sparse {
                     panel.numbers[own + j] = if i != j {
                         left * panel.numbers[other + j]
                     } else if diagonal[i] == 0.0 {
-                        // Nothing was said of it.
+                        // There was no measurement of it.
                         self.is_free[self.first[node] + i] = true;
                         0.0
                     } else if left > diagonal[i] * NOISE {
@@ -346,7 +346,7 @@ impl Solver<f64> for Sparse {
                     own[i * width + j] = -known * reciprocal;
                 }
             }
-            // What ties are moved by it: rows times that inverse.
+            // Unknowns that are tied to it move with it: rows times that inverse.
             let below = panel.height - width;
             let mut moved = vec![0.0; below * width];
             for (i, to) in moved.chunks_exact_mut(width).enumerate() {
@@ -496,7 +496,7 @@ mod tests {
         }
     }
 
-    /// An unknown that no row has stays where it is; what rows leave open has no solution.
+    /// An unknown that no row has stays where it is; unknowns that rows leave open have no solution.
     #[test]
     fn what_is_not_determined_has_no_solution() {
         let mut sparse = Sparse::default();

@@ -14,7 +14,7 @@ use crate::record::sightings::{Bearing, Carrier as Known, Leg, Lens, Range, Visi
 const SIGMA: f64 = 0.0024;
 const TARGET: u16 = 20;
 
-/// What was measured on a walk: camera `n` has number `n + 1`, stop `n` number `n + 1`.
+/// Measurements of a walk: camera `n` has number `n + 1`, stop `n` number `n + 1`.
 fn measured(walk: &Walk) -> Sightings {
     let bearings = walk.bearings.iter().map(|seen| Bearing {
         target: TARGET,
@@ -179,7 +179,7 @@ fn a_walk_is_solved_as_the_batch_does() {
     }
 }
 
-/// A lens that is a fifth off what was given is named, others are not.
+/// A lens that is a fifth off the given one is named, others are not.
 #[test]
 fn another_lens_is_named_and_its_width_told() {
     let (mut named, mut others, mut all) = (0, 0, 0);
@@ -238,8 +238,7 @@ fn a_mark_that_is_visited_again_ties_a_walk_together() {
     assert!(tied >= 7, "{tied} of 8");
 }
 
-/// Of all poses, the squared errors over what is foretold, and how many numbers these are. With
-/// lengths of which a camera's place is known, too.
+/// Squared errors of all poses over the predicted ones, and the number of values.
 fn nees(walk: &Walk, solution: &NetworkSolution) -> (f64, usize) {
     let (mut sum, mut count) = (0.0, 0);
     for (camera, truth) in solution.cameras.iter().zip(&walk.cameras) {
@@ -278,7 +277,7 @@ fn without_a_baseline_the_carrier_sets_the_scale() {
             .unwrap();
         stops += off.dot(&(information * off));
         runs += 1;
-        // Nobody can know the carrier's scale then.
+        // The carrier's scale cannot be known then.
         let carrier = solution.carrier.unwrap();
         assert_eq!((carrier.scale, carrier.sigma_scale), (1.0, 0.05));
     }
@@ -296,7 +295,7 @@ fn without_a_baseline_the_carrier_sets_the_scale() {
     assert!(band.contains(&(poses / 3.0)), "{poses} of {numbers}");
 }
 
-/// Nobody knows how the target came to a stop in the middle; its carrier may have been anywhere.
+/// It is not known how the target came to a stop in the middle; its carrier may have been anywhere.
 #[test]
 fn a_walk_goes_on_after_a_gap() {
     let (mut sum, mut count, mut after) = (0.0, 0, 0);
@@ -400,7 +399,7 @@ fn each_target_has_its_own_answer() {
         all.iter().map(|one| one.target).collect::<Vec<_>>(),
         [Some(20), Some(21)]
     );
-    // Of the second carrier nothing was said: he is as vague as targets assume.
+    // Nothing was told of the second carrier: he is as vague as targets assume.
     let [ours, theirs] = [&all[0], &all[1]].map(|one| one.carrier.unwrap().sigma_scale);
     assert!(theirs > ours);
 }

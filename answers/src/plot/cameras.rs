@@ -1,4 +1,4 @@
-//! How a camera and what its estimate is worth are drawn.
+//! Drawing of cameras and of the worth of their estimates.
 
 use std::f64::consts::PI;
 
@@ -11,7 +11,7 @@ use crate::record::Node;
 /// Length of the arrow that tells a heading, pixels.
 pub(super) const ARROW: f64 = 24.0;
 
-/// What an estimate is worth, the best first.
+/// Worth of an estimate, the best first.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Worth {
     Calibrated,
@@ -40,7 +40,7 @@ impl Worth {
         }
     }
 
-    /// What it is called in a legend, and how it is marked.
+    /// Its name in a legend, and its mark.
     fn style(self) -> (&'static str, Mark, Colour) {
         match self {
             Self::Calibrated => ("calibrated", Mark::Dot, CAMERA),

@@ -1,4 +1,4 @@
-//! What every drawing has: paper, colours, shapes, a title with a legend, axes. All in pixels, y
+//! Parts common to all drawings: paper, colours, shapes, a title with a legend, axes. All in pixels, y
 //! downwards; [`Plane`] tells where values are.
 
 use std::fmt::Display;
@@ -37,7 +37,7 @@ fn px(value: f64) -> f64 {
     (value.clamp(-FAR, FAR) * 100.0).round() / 100.0 + 0.0
 }
 
-/// How a thing is marked: neither colour nor shape alone has to tell.
+/// Shape that marks a thing: neither colour nor shape alone has to tell.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mark {
     Dot,
@@ -340,7 +340,7 @@ impl Axis<'_> {
     }
 }
 
-/// Where things are drawn at places in the world, or at values. What is beyond its borders is not
+/// Plane on which things are drawn at places in the world, or at values. Things beyond its borders are not
 /// seen.
 pub(super) struct Plane {
     corner: Point2<f64>,

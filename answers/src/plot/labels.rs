@@ -6,13 +6,13 @@ use nalgebra::{Point2, Vector2};
 
 /// Directions that are tried.
 const DIRECTIONS: u8 = 16;
-/// What is taken is looked up in squares of this size, pixels.
+/// Size of the squares by which taken space is looked up, pixels.
 const SQUARE: f64 = 64.0;
 
 /// A box by its middle and half size, pixels.
 type Taken = (Point2<f64>, Vector2<f64>);
 
-/// What is taken, by the squares that it touches.
+/// Taken space, by the squares that it touches.
 #[derive(Default)]
 pub(super) struct Labels(HashMap<(i64, i64), Vec<Taken>>);
 
@@ -28,7 +28,7 @@ impl Labels {
         }
     }
 
-    /// How much of a box is taken, about: what touches two squares counts in both.
+    /// Part of a box that is taken, about: space that touches two squares counts in both.
     fn covered(&self, wanted: Taken) -> f64 {
         let near = squares(wanted).filter_map(|square| self.0.get(&square));
         near.flatten().map(|taken| overlap(wanted, *taken)).sum()

@@ -12,7 +12,7 @@ use super::{
 /// Height of a panel and of the names below it, pixels.
 const HEIGHT: f64 = 222.0;
 const NAMES: f64 = 42.0;
-/// What a name needs at least, pixels.
+/// Least width of a name, pixels.
 const NAME_WIDTH: f64 = 26.0;
 
 /// A column of panels, being drawn.
@@ -38,7 +38,7 @@ impl Panels {
         }
     }
 
-    /// How wide one thing is, pixels.
+    /// Width of one thing, pixels.
     pub(super) fn pitch(&self) -> f64 {
         self.width / self.names.len().max(1) as f64
     }

@@ -20,14 +20,14 @@ use super::{
 use crate::accuracy::quantile;
 use crate::record::{Node, RunRecord};
 
-/// How many times larger than they are errors and ellipses may be drawn.
+/// Factors by which errors and ellipses may be enlarged in a drawing.
 const TIMES: [f64; 7] = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
-/// What a usual ellipse's longer half axis should be, and the largest error, pixels.
+/// Size that a usual ellipse's longer half axis, and the largest error, should have, pixels.
 const WELL_VISIBLE: f64 = 16.0;
 const TOO_FAR: f64 = 70.0;
 /// Up to so many stops all have their numbers; of more, those for whose numbers there is room.
 const ALL_NUMBERED: usize = 60;
-/// Of networks: their cameras and what these see. From the first again when there are more.
+/// Colours of networks: of their cameras and views. They begin again when there are more networks.
 const NETWORKS: [Colour; 8] = [
     "#00798C", "#8C564B", "#6B7A00", "#6A4C93", "#2E8B57", "#5A6E8C", "#B0567A", "#555555",
 ];
@@ -35,8 +35,8 @@ const NETWORKS: [Colour; 8] = [
 /// The map of a run: true cameras with what they see past walls, estimates with 95 % ellipses, the
 /// targets' ways, their true and believed stops, and obstacles. Where estimates would hide behind
 /// the truth, errors and ellipses are drawn larger than they are, and the map says so. Several
-/// networks, each of which knows places in a frame of its own only, are drawn where they really are,
-/// in the frame of the first one, each in a colour and with its number.
+/// networks, each of which knows places in its own frame only, are drawn where they really are, in the frame
+/// of the first one, each in a colour and with its number.
 ///
 /// # Errors
 /// [`PlotError`]
@@ -249,7 +249,7 @@ impl RunMap<'_> {
     }
 
     fn draw_names(&self, plane: &mut Plane, labels: &mut Labels) {
-        // Who needs care is named first, and references.
+        // References, and cameras that need care, are named first.
         let mut cameras: Vec<&Drawn<'_>> = self.cameras.iter().collect();
         cameras.sort_by_key(|(camera, _, worth)| (!camera.reference, std::cmp::Reverse(*worth)));
         for (camera, pose, _) in cameras {
@@ -279,7 +279,7 @@ fn name(camera: &Node) -> String {
     format!("{}{}", camera.id, if camera.reference { "*" } else { "" })
 }
 
-/// What an error and its predicted sigma are of, with its heading and the two values.
+/// Component of the pose: its heading in the drawing, and its error with the predicted sigma.
 type Component = (&'static str, fn(&Node) -> Option<(f64, f64)>);
 
 /// Errors in x, y and heading of every camera, against one and two predicted sigmas.

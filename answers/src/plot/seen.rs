@@ -1,4 +1,4 @@
-//! What a camera sees of the ground: its field of view as far as walls let it.
+//! The ground that a camera sees: its field of view as far as walls let it.
 
 use nalgebra::{Point2, Vector2};
 
@@ -10,9 +10,9 @@ const BESIDE: f64 = 1e-6;
 /// A straight wall.
 pub(super) type Wall = [Point2<f64>; 2];
 
-/// The outline of what is seen from `eye` within `half` a field of view to both sides of `heading`,
-/// radians, not farther than `range`: a ray to each end of a wall and all along the arc, each up to
-/// the first wall.
+/// Outline of the ground that is seen from `eye` within `half` a field of view to both sides of `heading`,
+/// radians, not farther than `range`: a ray to each end of a wall and all along the arc, each up to the first
+/// wall.
 pub(super) fn outline(
     eye: Point2<f64>,
     heading: f64,
@@ -41,7 +41,7 @@ pub(super) fn outline(
     std::iter::once(eye).chain(arc).collect()
 }
 
-/// How far a ray along a unit vector runs until it hits a wall.
+/// Distance that a ray along a unit vector runs until it hits a wall.
 fn hit(eye: Point2<f64>, ray: Vector2<f64>, [a, b]: &Wall) -> Option<f64> {
     let (along, to) = (b - a, a - eye);
     let determinant = ray.perp(&along);

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::record::sweep::{Group, Quantity, Row, SweepReport};
 
-/// What the panels show, and in which unit other than the scenario's.
+/// Quantities of the panels, and their unit where it is not the scenario's.
 const PANELS: [(Quantity, Option<&str>); 2] = [
     (Quantity::Position, None),
     (Quantity::HeadingDeg, Some("deg")),

@@ -1,4 +1,4 @@
-//! Which part of the world a map shows, and how large.
+//! Part of the world that a map shows, and its scale.
 
 use nalgebra::{Point2, Vector2};
 
@@ -88,7 +88,7 @@ impl View {
         Ok((canvas, plane))
     }
 
-    /// Whether a place is inside, at least so many pixels from the border.
+    /// Returns true if a place is inside, at least so many pixels from the border.
     pub(super) fn contains(&self, p: Point2<f64>, pixels: f64) -> bool {
         let rim = pixels / self.scale;
         p.x > self.low.x + rim

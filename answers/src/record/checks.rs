@@ -1,8 +1,8 @@
 //! Why poses of a network are not checked, and where to stop so that they are: the planner's
 //! [`Checks`], of cameras that stand where they are believed to.
 //!
-//! What was measured is taken from the record where it has that. Otherwise, as of a real network, it is
-//! what cameras told of their sightings, and what the references must have seen.
+//! Measurements are taken from the record where it has them. Otherwise, as of a real network, they are those
+//! that cameras told of their sightings, and those that the references must have seen.
 
 use std::collections::BTreeMap;
 
@@ -20,19 +20,19 @@ use super::{
 };
 use crate::network::usual_carrier;
 
-/// Of a leg of which nothing is known: a share of its length, along and across.
+/// Error of an unknown leg: a share of its length, along and across.
 const USUAL_LEG: f64 = 0.02;
-/// As a part of the range: how far a target stands off its stops of which nothing is known.
+/// Distance that a target stands off its stops if it is not known, as a part of the range.
 const USUAL_STANDING: f64 = 1.0 / 400.0;
-/// Of a pose: so many sightings check nothing.
+/// Unknowns of a pose: so many sightings check nothing.
 const UNKNOWNS: usize = 3;
-/// Sigma of a bearing of which nothing is known, radians: a quarter of a column of 60 degrees.
+/// Sigma of an unknown bearing, radians: a quarter of a column of 60 degrees.
 const USUAL_BEARING: f64 = 0.003;
 
-/// What there is to say about poses that are not checked.
+/// Advice about poses that are not checked.
 #[derive(Debug, Default)]
 pub(super) struct Unchecked {
-    /// Of each of these cameras what could be wrong without anybody's noticing.
+    /// Measurement of each of these cameras that could be wrong unnoticed.
     pub(super) weaknesses: BTreeMap<u16, Weakness>,
     /// Where to stop next.
     pub(super) stops: Vec<NextStop>,
@@ -47,7 +47,7 @@ struct Walk<'a> {
     known: Redundancy,
 }
 
-/// Of these cameras of a network, none of them a reference, whose poses are not checked.
+/// Advice about these cameras of a network, none of them a reference, whose poses are not checked.
 pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unchecked {
     let Some(walk) = Walk::longest(record, network) else {
         return Unchecked::default();
@@ -61,7 +61,7 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
     let levels = walk.known.levels(&indices);
     let weaknesses = { wishing.iter().zip(levels) }
         .filter_map(|(&(index, id), level)| {
-            // What too few sightings leave open is as large as what a leg does, and sooner mended.
+            // Too few sightings leave open as much as a leg does, and are sooner mended.
             let has_few = walk.cameras[index].used <= UNKNOWNS;
             let own = Weakness::Sightings { camera: id };
             let weakness = if has_few {
@@ -78,12 +78,12 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
     }
 }
 
-/// How much is checked, of how much there is.
+/// Number of poses that are checked, and number that could be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// Poses: of [checkable](Node::is_checkable) ones those that [are checked](Node::is_checked).
     pub poses: [usize; 2],
-    /// Bearings of which some of an error would show, as far as the record tells them.
+    /// Bearings whose errors would show in part, as far as the record tells them.
     pub bearings: [usize; 2],
     /// Legs from stop to stop, the same: in every direction.
     pub legs: [usize; 2],
@@ -125,7 +125,7 @@ impl Checked {
 }
 
 impl<'a> Walk<'a> {
-    /// That with most stops.
+    /// The walk with most stops.
     fn longest(record: &'a RunRecord, network: u16) -> Option<Self> {
         let own = |node: &&Node| node.network == network && node.estimate.is_some();
         let is_sound = |node: &&Node| node.is_calibrated() && !node.reference;
@@ -165,7 +165,7 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// `None` where nobody knows what cameras see.
+    /// `None` where it is not known what cameras see.
     fn stops(&self, network: u16, wishing: &[usize]) -> Option<Vec<NextStop>> {
         let standing: Option<Vec<_>> = { self.cameras.iter() }
             .map(|camera| stands(camera, true))
@@ -208,7 +208,7 @@ impl<'a> Walk<'a> {
                     let stop = self.target.stops.get(again)?;
                     Some(stop.stop)
                 }),
-                // A stop that ties others together helps whoever does not see it.
+                // A stop that ties others together also helps a camera that does not see it.
                 seen_by: if own.is_empty() { ids(&|_| true) } else { own },
             }
         });
@@ -216,13 +216,13 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// What is tolerated, in the unit of the site and in radians.
+/// Levels that are tolerated, in the unit of the site and in radians.
 fn tolerance(record: &RunRecord) -> Tolerance {
     let limits = &record.limits;
     [limits.sigma_position, limits.sigma_heading_deg.to_radians()].map(|limit| RARE * limit)
 }
 
-/// What was measured on a walk.
+/// Measurements of a walk.
 fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) -> Option<Survey> {
     let stops: Vec<Point2<f64>> = { target.stops.iter() }
         .map(|stop| Point2::new(stop.x, stop.y))

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::RunRecord;
 
-/// What is never twice the same, and what follows from the rest.
+/// Fields that are never twice the same, or follow from the rest.
 const NOT_COMPARED: [&str; 2] = ["wall_seconds", "summary"];
 /// Fields that differ are printed up to here.
 const IN_FULL: usize = 20;
@@ -23,22 +23,22 @@ pub enum CompareError {
     Json(#[from] serde_json::Error),
 }
 
-/// What two records differ in.
+/// Differences between two records.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Difference {
     /// Numbers that differ by more than was allowed, by field; `*` stands for any node, stop or
     /// place of an array.
     pub numbers: BTreeMap<String, NumberDifference>,
-    /// What differs otherwise: texts, `null` against a value, longer lists.
+    /// Other differences: texts, `null` against a value, longer lists.
     pub others: Vec<String>,
-    /// How many numbers were compared.
+    /// Number of numbers that were compared.
     pub compared: usize,
 }
 
-/// How the numbers of one field differ.
+/// Differences between the numbers of one field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NumberDifference {
-    /// How many of them do.
+    /// Number of them that differ.
     pub count: usize,
     /// The largest difference.
     pub largest: f64,
@@ -67,7 +67,7 @@ impl Difference {
         Ok(difference)
     }
 
-    /// Whether a run of this scenario and path can be compared with this record.
+    /// Checks that a run of this scenario and path can be compared with this record.
     ///
     /// # Errors
     /// [`CompareError::Scenario`]
@@ -84,7 +84,7 @@ impl Difference {
         Err(CompareError::Scenario(one, other))
     }
 
-    /// Whether nothing differs.
+    /// Returns true if nothing differs.
     pub fn is_none(&self) -> bool {
         self.numbers.is_empty() && self.others.is_empty()
     }

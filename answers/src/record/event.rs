@@ -1,8 +1,8 @@
-//! What happens in a network, as it happens: one line of JSON an event.
+//! Events of a network as they happen: one line of JSON an event.
 //!
-//! The stream is made of the [record's](super) own types. [`What::Begin`] has the record as it is when
-//! somebody begins to look; every later change of a node, a stop or a network comes as an event with its
-//! new state, so that [`RunRecord::apply`] makes the record of any later moment. Other events tell what
+//! The stream is made of the [record's](super) own types. [`What::Begin`] has the record as it is when a
+//! reader begins; every later change of a node, a stop or a network comes as an event with its new state, so
+//! that [`RunRecord::apply`] makes the record of any later moment. Other events tell what
 //! a record does not keep: rays, places between stops, commands, words. `docs/events.md` describes all.
 //!
 //! [`Looker`] makes the events: it compares records. It is the same for a simulation, a coordinator's
@@ -28,9 +28,9 @@ use super::{
 /// The format of the stream that this library writes, and the only one that it reads.
 pub const EVENT_FORMAT: u32 = 1;
 
-/// How often the verdict is told while things change, seconds.
+/// Time between verdicts while things change, seconds.
 const VERDICT_EVERY: f64 = 5.0;
-/// How often traffic is told, seconds.
+/// Time between reports of traffic, seconds.
 const TRAFFIC_EVERY: f64 = 10.0;
 
 /// One line of the stream.
@@ -38,12 +38,12 @@ const TRAFFIC_EVERY: f64 = 10.0;
 pub struct Event {
     /// When, seconds since the start of the run, or of listening.
     pub seconds: f64,
-    /// What happened.
+    /// Kind of event, with its data.
     #[serde(flatten)]
     pub what: What,
 }
 
-/// What happened.
+/// Kind of event, with its data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum What {
@@ -56,14 +56,14 @@ pub enum What {
     },
     /// Something about a node changed.
     Node {
-        /// What.
+        /// Changes of the node.
         news: Vec<News>,
         /// All of it, as in the record.
         is: Box<Node>,
     },
     /// A node is no part of any list any more.
     Gone {
-        /// Which.
+        /// Number of the camera.
         node: u16,
     },
     /// A network has a channel, an identifier, or another frame.
@@ -87,7 +87,7 @@ pub enum What {
     },
     /// A target goes on from its stop.
     StopEnds {
-        /// Which.
+        /// Number of the target.
         target: u16,
     },
     /// A target, where its stops do not tell all that changed.
@@ -97,7 +97,7 @@ pub enum What {
     },
     /// Where a target really is while it walks, in the frame of its network; simulations only.
     Place {
-        /// Which.
+        /// Number of the target.
         target: u16,
         /// Place.
         x: f64,
@@ -106,9 +106,9 @@ pub enum What {
     },
     /// A camera saw a target that stood. From a coordinator's line: when it tells.
     Seen {
-        /// Which camera.
+        /// Number of the camera.
         node: u16,
-        /// Which target.
+        /// Number of the target.
         target: u16,
         /// At which stop; `None`: where it stands now.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -118,9 +118,9 @@ pub enum What {
         /// Standard deviation.
         sigma_deg: f64,
     },
-    /// What a camera that was told to track sees.
+    /// Sightings of a camera that was told to track.
     Tracked {
-        /// Which camera.
+        /// Number of the camera.
         node: u16,
         /// Middle mass column and row.
         middle: [u16; 2],
@@ -142,36 +142,36 @@ pub enum What {
     },
     /// Where something is that cameras that track see, by the coordinator of a network.
     Object {
-        /// Which network.
+        /// Number of the network.
         network: u16,
         /// Its number there.
         object: u16,
-        /// Where, in the frame of the network; `None`: nobody sees it any more.
+        /// Place in the frame of the network; `None`: no camera sees it any more.
         is: Option<ObjectPlace>,
     },
     /// Where an object of the scenario really is, in the frame of a network; simulations only.
     Truth {
-        /// Which network.
+        /// Number of the network.
         network: u16,
-        /// Which object, counted from 1.
+        /// Number of the object, counted from 1.
         object: u16,
         /// Place.
         x: f64,
         /// Place.
         y: f64,
     },
-    /// How well a network tracked objects; simulations only.
+    /// Quality of a network's tracking of objects; simulations only.
     Tracking {
         /// As in the record.
         is: Tracking,
     },
-    /// Somebody wants something of a network or a node, or it came to an end.
+    /// A user wants something of a network or a node, or it came to an end.
     Command {
         /// Of whom, if of one.
         node: Option<u16>,
-        /// What, as people type it.
+        /// The command, as people type it.
         command: String,
-        /// How far it is.
+        /// Progress of the command.
         state: CommandState,
         /// More about it.
         words: String,
@@ -183,7 +183,7 @@ pub enum What {
         /// For people.
         words: String,
     },
-    /// What there is to say about all of it.
+    /// Verdict on the whole run.
     Verdict {
         /// Every camera that is expected is calibrated, and nothing speaks against it.
         good: bool,
@@ -193,13 +193,13 @@ pub enum What {
         expected: usize,
         /// For people.
         words: String,
-        /// What is the matter with single cameras.
+        /// Findings about single cameras.
         findings: Vec<Advice>,
         /// Where to stop next, the best place first.
         walk_to: Vec<WalkTo>,
     },
-    /// What changed of the verdict since it was told last: what `host-sim live` tells its page in the place
-    /// of a whole one.
+    /// Changes of the verdict since it was told last: `host-sim live` tells its page these in the place of a
+    /// whole one.
     VerdictChange {
         /// As of the verdict.
         good: bool,
@@ -214,21 +214,21 @@ pub enum What {
         /// As of the verdict.
         walk_to: Vec<Piece<WalkTo>>,
     },
-    /// What was on the air so far.
+    /// Radio traffic so far.
     Traffic {
         /// As in the record.
         radio: Radio,
     },
-    /// What was measured in a network, as its cameras and targets keep it.
+    /// Measurements in a network, as its cameras and targets keep them.
     Measured {
         /// As in the record.
         is: Sightings,
     },
     /// The last line.
     End {
-        /// What was on the air.
+        /// Radio traffic.
         radio: Option<Radio>,
-        /// How long it took.
+        /// Duration of the run.
         sim_seconds: f64,
         /// Why it ended before its time.
         cut_short: Option<String>,
@@ -246,7 +246,7 @@ pub struct ObjectPlace {
     pub covariance: [f64; 3],
     /// Units per second.
     pub velocity: [f64; 2],
-    /// How long ago a camera saw it.
+    /// Time since a camera saw it.
     pub unseen_s: f64,
 }
 
@@ -264,7 +264,7 @@ impl From<&TrackedObject> for ObjectPlace {
 }
 
 impl What {
-    /// What a camera that was told to track sees.
+    /// Event for the sightings of a camera that was told to track.
     pub fn tracked(node: u16, tracked: &Tracked) -> Self {
         let TrackedBlob {
             middle,
@@ -289,7 +289,7 @@ impl What {
     }
 }
 
-/// What is new about a node.
+/// Change of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum News {
@@ -303,7 +303,7 @@ pub enum News {
     Pose,
     /// Why it has none.
     Refusal,
-    /// What one unnoticed fault could do to its pose.
+    /// Most that one unnoticed fault could do to its pose.
     Protection,
     /// Its sightings, or which of them its pose uses.
     Sightings,
@@ -321,7 +321,7 @@ pub enum News {
     Other,
 }
 
-/// How far a command is.
+/// Progress of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandState {
@@ -333,12 +333,12 @@ pub enum CommandState {
     Failed,
 }
 
-/// What is the matter with a camera.
+/// Advice about a camera.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Advice {
-    /// Which.
+    /// Number of the camera.
     pub node: u16,
-    /// What is the matter, and what to do.
+    /// Description of the problem, with advice.
     pub words: String,
 }
 
@@ -355,7 +355,7 @@ pub struct WalkTo {
     pub seen_by: Vec<u16>,
 }
 
-/// A piece of a list, told by what was there before.
+/// A piece of a list, as a part of the former list or as an item.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Piece<T> {
@@ -502,9 +502,9 @@ impl Event {
 
     /// Reads a line.
     ///
-    /// Always this way: what is flattened or tagged is kept aside until its type is known, and numbers of
-    /// `serde_json` with `arbitrary_precision`, which crates of the same build may ask for, are no numbers
-    /// there unless they are written as they would be written here.
+    /// Fields that are flattened or tagged are kept aside until their type is known, and numbers of `serde_json`
+    /// with `arbitrary_precision`, which crates of the same build may ask for, are no numbers there unless they
+    /// are written as they would be written here. So lines are always read by this function.
     ///
     /// # Errors
     /// It is not JSON, or no event.
@@ -682,7 +682,7 @@ impl Target {
     }
 }
 
-/// Compares what is known with what was known before, and tells the difference as events.
+/// Compares a record with the one before, and tells the difference as events.
 #[derive(Clone, Debug, Default)]
 pub struct Looker {
     known: Option<RunRecord>,
@@ -694,8 +694,8 @@ pub struct Looker {
 }
 
 impl Looker {
-    /// What is new, of a network that goes on. How often a node was heard and what it sent is told at
-    /// the end only.
+    /// Events since the last look at a network that goes on. The time when a node was last heard and its traffic
+    /// are told at the end only.
     pub fn look(&mut self, record: &RunRecord) -> Vec<Event> {
         let mut events = self.changes(record, false);
         let seconds = record.sim_seconds;
@@ -713,7 +713,7 @@ impl Looker {
         events
     }
 
-    /// What is new, and the end.
+    /// Events since the last look, and the end.
     pub fn end(&mut self, record: &RunRecord, cut_short: Option<&str>) -> Vec<Event> {
         let mut events = self.changes(record, true);
         let seconds = record.sim_seconds;
@@ -815,7 +815,7 @@ impl Looker {
     }
 }
 
-/// What is new about a node of which this was known before.
+/// Changes of a node against what was known before.
 fn news(before: Option<&Node>, now: &Node, with_traffic: bool) -> Vec<News> {
     let blank;
     let before = match before {

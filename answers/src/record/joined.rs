@@ -8,9 +8,8 @@ impl RunRecord {
     /// Several networks of one site, each as its coordinator tells it, as one: the record and the number of each.
     /// `None` of none.
     ///
-    /// A target that went from one network to another is where it was heard last. Networks of which the file
-    /// tells the place in the building stand where that says; of others nobody knows how they stand to
-    /// each other.
+    /// A target that went from one network to another is where it was heard last. Networks whose place in the
+    /// building the file tells stand where it says; how others stand to each other is not known.
     pub fn joined(parts: impl IntoIterator<Item = (u16, Self)>) -> Option<Self> {
         let mut parts: Vec<_> = parts.into_iter().collect();
         parts.sort_by_key(|(number, _)| *number);

@@ -1,10 +1,10 @@
 //! The record of one finished run: everything its reports, maps and exports are made of.
 //!
-//! Of a real network it has what its coordinator told; see [`view`](crate::view).
+//! The record of a real network has what its coordinator told; see [`view`](crate::view).
 //!
 //! A record is JSON, and its names and their meaning are an interface. Lengths are in the
-//! scenario's [`unit`](RunRecord::unit), angles in degrees (headings in `[0, 360)`), times in
-//! seconds since the start of the run. What is not known is `null`. A reader refuses a
+//! scenario's [`unit`](RunRecord::unit), angles in degrees (headings in `[0, 360)`), times in seconds since
+//! the start of the run. Values that are not known are `null`. A reader refuses a
 //! [`format`](RunRecord::format) that it does not know.
 //!
 //! Places and headings, true ones too, are in the frame of their node's or target's
@@ -47,10 +47,10 @@ pub struct RunRecord {
     pub format: u32,
     /// Name of the scenario, or of the site.
     pub scenario: String,
-    /// Which of the ways that are planned for its targets, from 1.
+    /// Number of the planned ways for its targets, from 1.
     pub path: Option<u32>,
-    /// Which of the thesis's results stand beside these, such as `thesis-4.1`. Left out if none, as
-    /// where cameras were moved from the thesis's places.
+    /// Results of the thesis that stand beside these, such as `thesis-4.1`. Left out if none, as where cameras
+    /// were moved from the thesis's places.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub published: Option<String>,
     /// The root of all randomness of the run; `null` of a real network.
@@ -66,22 +66,22 @@ pub struct RunRecord {
     pub nodes: Vec<Node>,
     /// Where the targets went.
     pub targets: Vec<Target>,
-    /// What was measured in each network, by ascending number. Records of format 4 may lack it.
+    /// Measurements of each network, by ascending number. Records of format 4 may lack them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sightings: Vec<Sightings>,
-    /// What hides targets from cameras: closed outlines, `[x, y]` a corner. In the frame of the
-    /// first network.
+    /// Obstacles that hide targets from cameras: closed outlines, `[x, y]` a corner. In the frame of the first
+    /// network.
     pub obstacles: Vec<Vec<[f64; 2]>>,
     /// Statistics over the cameras, always those of `nodes`.
     pub summary: Summary,
-    /// What was on the air; `null` of a real network.
+    /// Radio traffic; `null` of a real network.
     pub radio: Option<Radio>,
-    /// How well each network tracked objects after the calibration; left out where none did.
+    /// Quality of each network's tracking after the calibration; left out where none tracked.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tracking: Vec<Tracking>,
-    /// How long the run took the simulated nodes; of a real network, how long it was listened to.
+    /// Duration of the run for the simulated nodes; of a real network, the time that it was listened to.
     pub sim_seconds: f64,
-    /// How long it took the computer; `null` unless asked for, since it is never twice the same.
+    /// Time that the computer took; `null` unless asked for, since it is never twice the same.
     pub wall_seconds: Option<f64>,
 }
 
@@ -101,11 +101,11 @@ pub struct Network {
     pub channel: Option<u8>,
 }
 
-/// How well a network tracked objects without a radio, compared with where they really were. A track within a metre of
-/// an object may be of it, and remains of it as long as it is so near.
+/// Quality of a network's tracking of objects without a radio, compared with where they really were. A track
+/// within a metre of an object may be of it, and remains of it as long as it is so near.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tracking {
-    /// Which.
+    /// Number of the network.
     pub network: u16,
     /// For so long.
     pub seconds: f64,
@@ -123,9 +123,9 @@ pub struct Tracking {
     pub bound: Option<f64>,
     /// Mean of the squared error over its predicted covariance: 2 where that is right.
     pub nees: Option<f64>,
-    /// How often an object got another track than it had.
+    /// Number of times that an object got another track than it had.
     pub breaks: usize,
-    /// How often a track went over to another object.
+    /// Number of times that a track went over to another object.
     pub swaps: usize,
     /// Tracks that were never of an object.
     pub ghosts: usize,
@@ -136,7 +136,7 @@ pub struct Tracking {
 pub struct Unit {
     /// For headings and axes.
     pub name: String,
-    /// How long it is; 1 where a scenario does not say.
+    /// Length of the unit; 1 where a scenario does not say.
     pub metres: f64,
 }
 
@@ -161,9 +161,9 @@ impl Protection {
 }
 
 impl Limits {
-    /// Whether a pose of this protection level is good enough to be called checked: even with one
-    /// wrong measurement it errs no more than the least certain pose that is called calibrated may err
-    /// by chance, 3.09 sigmas, which is exceeded once in a thousand.
+    /// Returns true if a pose of this protection level is good enough to be called checked: even with one wrong
+    /// measurement it errs no more than the least certain pose that is called calibrated may err by chance, 3.09
+    /// sigmas, which is exceeded once in a thousand.
     pub fn tolerate(&self, level: &Protection) -> bool {
         self.share(level) <= 1.0
     }
@@ -175,7 +175,7 @@ impl Limits {
     }
 }
 
-/// What a node is.
+/// Role of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -194,19 +194,19 @@ pub struct Node {
     pub id: u16,
     /// Of which network.
     pub network: u16,
-    /// What it is.
+    /// Role of the node.
     pub role: Role,
-    /// Whether it is one of the two cameras whose places are given or define the frame.
+    /// True if it is one of the two cameras whose places are given or define the frame.
     pub reference: bool,
-    /// Whether the scenario means it to be calibrated.
+    /// True if the scenario means it to be calibrated.
     pub expected: bool,
     /// Where it really is; cameras only.
     pub truth: Option<Place>,
-    /// Where the site file says that it is, of a real camera: nobody measured that.
+    /// Place of a real camera by the site file; it is not measured.
     pub planned: Option<Place>,
-    /// What it sees; cameras only.
+    /// Its field of view and range; cameras only.
     pub view: Option<View>,
-    /// How far it is, as it says itself; cameras only. Only `calibrated` counts as calibrated.
+    /// Its status, as it says itself; cameras only. Only `calibrated` counts as calibrated.
     pub status: Option<Status>,
     /// Why it has no pose.
     pub reason: Option<Refusal>,
@@ -214,16 +214,16 @@ pub struct Node {
     pub estimate: Option<Estimate>,
     /// Estimate minus truth.
     pub error: Option<PoseError>,
-    /// How far that may be off because of one wrong measurement that nobody noticed. Left out where
-    /// no target estimated it together with all that was measured, and of references.
+    /// Most that the pose may be off because of one unnoticed wrong measurement. Left out where no target
+    /// estimated it together with all that was measured, and of references.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protection: Option<Protection>,
     /// The squared error in units of the predicted covariance: 3 on average where predictions are
     /// right. `null` where part of the pose was given, since that part has no covariance.
     pub nees: Option<f64>,
-    /// How many sightings it counted.
+    /// Number of sightings that it counted.
     pub sightings: usize,
-    /// How many of them its pose uses.
+    /// Number of sightings that its pose uses.
     pub used: usize,
     /// Sum of the squared residuals of these, each over its variance, as it says itself.
     pub chi_squared: Option<f64>,
@@ -237,27 +237,27 @@ pub struct Node {
     pub residuals: Vec<Residual>,
     /// When it had its first pose.
     pub calibrated_seconds: Option<f64>,
-    /// When it was last heard; `null` of whoever never was, and of nodes on emulated boards.
+    /// Time when it was last heard; `null` of a node that never was, and of nodes on emulated boards.
     pub heard_seconds: Option<f64>,
     /// It was spoken to since then, and did not answer.
     pub silent: bool,
-    /// What is the matter with it, as it says itself. Left out of a node that is well.
+    /// Its health, as it says itself. Left out of a node that is well.
     #[serde(default, skip_serializing_if = "is_well")]
     pub health: Health,
     /// Its address in the network, if it is a member.
     pub address: Option<u16>,
-    /// What kept its firmware from going on, each time. It was then started again.
+    /// Failures that kept its firmware from going on. It was then started again.
     pub failures: Vec<Failure>,
-    /// Application messages it sent, each counted once, before encryption; `null` of a node on an
-    /// emulated board, whose messages nobody sees before encryption.
+    /// Application messages it sent, each counted once, before encryption; `null` of a node on an emulated
+    /// board, whose messages are not seen before encryption.
     pub payload_bytes: Option<u64>,
     /// Everything it sent, acknowledgements, retries and joining included, from preamble to check
     /// sequence; `null` of a real node.
     pub bytes_sent: Option<u64>,
     /// As `bytes_sent`, in frames.
     pub frames_sent: Option<u64>,
-    /// How often the page of its flash was erased that was erased most, formatting included; left out of
-    /// nodes whose flash nobody watches.
+    /// Number of times that the most erased page of its flash was erased, formatting included; left out of nodes
+    /// whose flash is not watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub page_erasures: Option<u32>,
 }
@@ -269,7 +269,7 @@ fn is_well(health: &Health) -> bool {
 /// A lens, as the camera itself found it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeLens {
-    /// How it spreads directions over columns.
+    /// Its projection: the way that it spreads directions over columns.
     pub projection: Projection,
     /// From the middle of the first column to that of the last one.
     pub fov_deg: f64,
@@ -295,7 +295,7 @@ pub struct Place {
     pub heading_deg: f64,
 }
 
-/// What a camera sees.
+/// Field of view, range and projection of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
     /// Full angle, the optical axis in its middle.
@@ -324,8 +324,8 @@ pub struct Estimate {
     pub covariance: [f64; 6],
 }
 
-/// How far a pose may be off because of one wrong measurement that nobody noticed: at most so much in
-/// 999 of 1,000 cases. See [`calib_core::joint`].
+/// Most that a pose may be off because of one unnoticed wrong measurement: at most so much in 999 of 1,000
+/// cases. See [`calib_core::joint`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Protection {
     /// Its place.
@@ -378,7 +378,7 @@ pub struct Target {
 pub struct Stop {
     /// Its number.
     pub stop: u32,
-    /// When it began; `null` where nobody saw that.
+    /// Time when it began; `null` where that was not seen.
     pub seconds: Option<f64>,
     /// Where it really was; of a real network, where the target believed to be.
     pub x: f64,
@@ -401,31 +401,31 @@ pub struct Believed {
     pub sigma_y: f64,
 }
 
-/// What was on the air.
+/// Radio traffic.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Radio {
-    /// Frames sent by anybody, acknowledgements included.
+    /// Frames sent by all, acknowledgements included.
     pub frames: u64,
-    /// Bytes sent by anybody, from preamble to check sequence.
+    /// Bytes sent by all, from preamble to check sequence.
     pub bytes: u64,
     /// Receptions that failed, by reason.
     pub drops: std::collections::BTreeMap<String, u64>,
-    /// How long all frames took together, in terms of the run's time: above 1 where many send at
-    /// once, as on several channels.
+    /// Duration of all frames together, as a share of the run's time: above 1 where many send at once, as on
+    /// several channels.
     pub airtime_share: f64,
-    /// What came from no node, where somebody was to attack. Counted above too, but for carriers.
+    /// Transmissions that came from no node, where there was an attacker. Counted above too, but for carriers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attack: Option<Attack>,
 }
 
-/// What somebody without the key sent: frames that were forged or heard again, and carriers.
+/// Transmissions of an attacker without the key: frames that were forged or heard again, and carriers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Attack {
     /// Frames.
     pub frames: u64,
     /// Their bytes, from preamble to check sequence.
     pub bytes: u64,
-    /// How long frames and carriers took together, in terms of the run's time.
+    /// Duration of frames and carriers together, as a share of the run's time.
     pub airtime_share: f64,
 }
 
@@ -506,7 +506,7 @@ impl Estimate {
 }
 
 impl Node {
-    /// Whether all but traffic, and when it was heard, is the same.
+    /// Returns true if all but traffic, and when it was heard, is the same.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let Self {
             id,
@@ -540,7 +540,7 @@ impl Node {
             bytes_sent: _,
             frames_sent: _,
         } = self;
-        // What changes most often comes first.
+        // The most frequent changes come first.
         *sightings == other.sightings
             && *status == other.status
             && *estimate == other.estimate
@@ -569,7 +569,7 @@ impl Node {
             && *page_erasures == other.page_erasures
     }
 
-    /// A node of the first network of which nothing is known yet.
+    /// A node of the first network, of which nothing is known yet.
     pub fn new(id: u16, role: Role) -> Self {
         Self {
             id,
@@ -623,9 +623,9 @@ impl Node {
         };
     }
 
-    /// Takes sightings over, each with the number of its target and stop, and compares them with
-    /// the estimate; so [`set_pose`](Self::set_pose) first. How many there are a node tells itself: a
-    /// target may have counted some that the camera did not keep.
+    /// Takes sightings over, each with the number of its target and stop, and compares them with the estimate; so
+    /// [`set_pose`](Self::set_pose) first. A node tells itself how many there are: a target may have counted some
+    /// that the camera did not keep.
     pub fn set_sightings<'a>(
         &mut self,
         sightings: impl IntoIterator<Item = (u16, u32, &'a Sighting<f64>)>,
@@ -667,8 +667,8 @@ impl Node {
         }
     }
 
-    /// Whether it was never part of a network: it had nobody to say anything to, and is on no list
-    /// of members.
+    /// Returns true if it was never part of a network: it had no node to say anything to, and is on no list of
+    /// members.
     pub fn never_joined(&self) -> bool {
         let said_nothing = match self.payload_bytes {
             Some(bytes) => bytes == 0,
@@ -677,24 +677,23 @@ impl Node {
         said_nothing && self.estimate.is_none()
     }
 
-    /// Whether its pose is estimated, and reliable but for what nobody checks: only then it matters
+    /// Returns true if its pose is estimated, and reliable but for what is not checked. Only then it matters
     /// whether it [is checked](Self::is_checked). The place of a reference is given.
     pub fn is_checkable(&self) -> bool {
         self.expected && !self.reference && self.is_calibrated()
     }
 
-    /// Whether one wrong measurement that nobody noticed could do [no harm](Limits::tolerate) to its
-    /// pose.
+    /// Returns true if one unnoticed wrong measurement could do [no harm](Limits::tolerate) to its pose.
     pub fn is_checked(&self, limits: &Limits) -> bool {
         self.is_checkable() && self.protection.is_some_and(|level| limits.tolerate(&level))
     }
 
-    /// Whether it is a camera that counts as calibrated.
+    /// Returns true if it is a camera that counts as calibrated.
     pub fn is_calibrated(&self) -> bool {
         self.status == Some(Status::Calibrated)
     }
 
-    /// How well all its sightings fit its pose, also those that the pose leaves out.
+    /// Fit of all its sightings to its pose, also of those that the pose leaves out.
     pub fn fit(&self) -> Fit<f64> {
         let normalised = self.residuals.iter().filter_map(|r| r.normalised);
         let (mut count, mut chi_squared) = (0_usize, 0.0);
@@ -710,8 +709,8 @@ impl Node {
         }
     }
 
-    /// How well its true error fits its predicted covariance, of what of its pose was not given;
-    /// `None` without a pose and a truth.
+    /// Fit of its true error to its predicted covariance, for the part of its pose that was not given; `None`
+    /// without a pose and a truth.
     pub fn truth_fit(&self) -> Option<Fit<f64>> {
         if let Some(nees) = self.nees {
             return Some(Fit {
@@ -733,7 +732,7 @@ impl Node {
         estimated.map(one).reduce(Fit::and)
     }
 
-    /// Whether it has a camera.
+    /// Returns true if it has a camera.
     pub fn is_camera(&self) -> bool {
         self.role == Role::Camera
     }
@@ -793,8 +792,8 @@ impl RunRecord {
         Ok(text)
     }
 
-    /// Reads what [`to_json`](Self::to_json) wrote. The summary is made anew: whatever stands there,
-    /// nobody is told anything else than what the nodes say.
+    /// Reads what [`to_json`](Self::to_json) wrote. The summary is made anew: whatever stands there, the reader
+    /// is told nothing else than what the nodes say.
     ///
     /// # Errors
     /// [`RecordError`]
@@ -813,7 +812,7 @@ impl RunRecord {
         Ok(record)
     }
 
-    /// What else a record relies on.
+    /// Checks the other things that a record relies on.
     fn check(&self) -> Result<(), RecordError> {
         let networks = self.networks.iter().map(|n| ("network", n.network));
         let nodes = self.nodes.iter().map(|n| ("node", n.id));
@@ -846,7 +845,7 @@ impl RunRecord {
         self.nodes.iter().filter(|node| node.is_camera())
     }
 
-    /// Whether there are several networks, each with a frame of its own.
+    /// Returns true if there are several networks, each with a frame of its own.
     pub fn has_networks(&self) -> bool {
         self.networks.len() > 1
     }
@@ -865,16 +864,15 @@ impl RunRecord {
         Some(own.building?.isometry())
     }
 
-    /// The same run with the places of all networks in the frame of the first one, each network
-    /// standing where it really does. How sure targets were of their places stays told along the axes
-    /// of their own network's frame.
+    /// The same run with the places of all networks in the frame of the first one, each network standing where it
+    /// really does. The sigmas of targets' places stay along the axes of their own network's frame.
     pub fn in_one_frame(&self) -> Self {
         self.moved(|network| self.frame(network))
     }
 
-    /// The same run with all places in the coordinates of the building; `None` if nobody knows where
-    /// a network's frame is in it. As in [`in_one_frame`](Self::in_one_frame), sigmas of targets'
-    /// places stay along the axes of their network.
+    /// The same run with all places in the coordinates of the building; `None` if it is not known where a
+    /// network's frame is in it. As in [`in_one_frame`](Self::in_one_frame), sigmas of targets' places stay along
+    /// the axes of their network.
     pub fn in_building(&self) -> Option<Self> {
         let all_known = self.networks.iter().all(|own| own.building.is_some());
         let frame = |network| self.building(network).unwrap_or_else(Isometry2::identity);
@@ -890,7 +888,7 @@ impl RunRecord {
                 y: 0.0,
                 heading_deg: 0.0,
             };
-            // What was the frame of the network is none any more.
+            // The former frame of the network is gone.
             own.building = None;
         }
         // Obstacles are told in the frame of the first network.

@@ -1,8 +1,8 @@
 //! Where to stop the target next, so that the cameras that want it learn most: the planner's
 //! [`Advice`], of cameras that stand where they are believed to.
 //!
-//! All is in the frame of one network. What cameras know already counts: the information of their
-//! poses, or that of the stops they saw; and each measures as well as its sightings show.
+//! All is in the frame of one network. The cameras' knowledge already counts: the information of their poses,
+//! or that of the stops they saw; and each measures as well as its sightings show.
 
 use calib_core::Pose;
 use cmucam2_emulator::Lens;
@@ -15,7 +15,7 @@ use super::{Node, RunRecord, View, verdict::NextStop};
 /// A record does not tell how large a target is: about as large as the thesis's, as a part of the
 /// camera's range.
 pub(super) const RADIUS: f64 = 1.0 / 50.0;
-/// Nor how many columns and rows a picture has: those of the smaller sensor.
+/// Columns and rows of a picture, which it does not tell either: those of the smaller sensor.
 const PICTURE: [u8; 2] = [88, 143];
 /// More advice than this is not followed anyway.
 pub(super) const MOST: usize = 6;
@@ -23,7 +23,7 @@ pub(super) const MOST: usize = 6;
 /// A camera that wants to see the target again.
 pub(super) struct Wish<'a> {
     pub(super) camera: &'a Node,
-    /// Whether its pose says where it is, rather than the place where it was put.
+    /// True if its pose says where it is, rather than the place where it was put.
     pub(super) believes: bool,
     /// It is a reference without an answer.
     pub(super) in_pair: bool,
@@ -97,7 +97,7 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
             let sightings = references.iter().map(|node| node.sightings).min();
             PairWish {
                 cameras,
-                // What references saw is not told before they have an answer.
+                // References' sightings are not told before they have an answer.
                 made: stops().filter(see).collect(),
                 noise: UNSEEN,
                 missing: 3_usize.saturating_sub(sightings.unwrap_or(0)).max(1),
@@ -114,7 +114,7 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
     advice.stops(MOST).into_iter().map(named).collect()
 }
 
-/// What stands about, in the frame of a network.
+/// Obstacles, in the frame of a network.
 pub(super) fn obstacles(record: &RunRecord, network: u16) -> impl Iterator<Item = Obstacle> {
     let outlines = record.obstacles_of(network).into_iter();
     outlines.map(|outline| match outline[..] {
@@ -123,7 +123,7 @@ pub(super) fn obstacles(record: &RunRecord, network: u16) -> impl Iterator<Item 
     })
 }
 
-/// Where it is believed to stand, or was put; `None` if nobody knows, or what it sees.
+/// Place where it is believed to stand, or was put; `None` if that is not known, or what it sees.
 pub(super) fn stands(node: &Node, believes: bool) -> Option<Camera> {
     let View { fov_deg, range } = node.view?;
     let estimate = node.estimate.filter(|_| believes);
@@ -149,8 +149,8 @@ pub(super) const UNSEEN: Noise = Noise {
     standing: 0.0,
 };
 
-/// How a camera measures: the median of its sightings' sigmas, in columns, with what the target's
-/// places had in them.
+/// Noise of a camera: the median of its sightings' sigmas, in columns, with what the target's places had in
+/// them.
 fn noise(node: &Node, camera: &Camera) -> Noise {
     let mut columns: Vec<f64> = { node.residuals.iter() }
         .filter_map(|seen| {

@@ -8,7 +8,7 @@ use calib_core::angle;
 const TABLE_4_1: &str = include_str!("../../data/thesis_table_4_1.csv");
 const STATISTICS: &str = include_str!("../../data/thesis_statistics.csv");
 
-/// What the thesis prints about a site.
+/// Results that the thesis prints about a site.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Published {
     /// Number of the table of its statistics.

@@ -1,14 +1,13 @@
-//! What was measured in a network: enough to solve it again.
+//! Measurements of a network: enough to solve it again.
 //!
-//! Records have it since their nodes tell it; it is left out where nobody knows. The same object
-//! stands on its own in a file for `host-sim solve-network`, where everything but `bearings` may be
-//! left out.
+//! Records have them since their nodes tell them; they are left out where they are not known. The same object
+//! stands on its own in a file for `host-sim solve-network`, where everything but `bearings` may be left out.
 //!
-//! `ranges`, `visits` and `lens` are for what was measured besides; no node tells them yet.
+//! `ranges`, `visits` and `lens` are for further measurements; no node tells them yet.
 
 use serde::{Deserialize, Serialize};
 
-/// What was measured in one network.
+/// Measurements of one network.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sightings {
@@ -22,21 +21,21 @@ pub struct Sightings {
     /// `null` where it is not known.
     #[serde(default)]
     pub frame_heading_deg: Option<f64>,
-    /// What is known of those who carry targets.
+    /// Prior knowledge of those who carry targets.
     #[serde(default)]
     pub carriers: Vec<Carrier>,
-    /// What cameras saw: references, calibrated and waiting cameras alike.
+    /// Bearings that cameras saw: references, calibrated and waiting cameras alike.
     pub bearings: Vec<Bearing>,
-    /// How targets came to their stops.
+    /// Legs by which targets came to their stops.
     #[serde(default)]
     pub legs: Vec<Leg>,
-    /// How far from cameras targets were.
+    /// Distances of targets from cameras.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ranges: Vec<Range>,
     /// When targets stood on marks: places that can be found again.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub visits: Vec<Visit>,
-    /// What is known of the cameras' lenses, if they are to be estimated too.
+    /// Prior knowledge of the cameras' lenses, if they are to be estimated too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens: Option<Lens>,
 }
@@ -51,12 +50,12 @@ fn first() -> u16 {
 pub struct References {
     /// Their numbers: the origin, and the one on the x axis.
     pub cameras: [u16; 2],
-    /// How far they are apart; `null` where nobody measured that.
+    /// Distance between them; `null` where it was not measured.
     #[serde(default)]
     pub baseline: Option<f64>,
 }
 
-/// What is known beforehand of somebody who carries a target.
+/// Prior knowledge of the carrier of a target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Carrier {
@@ -66,8 +65,8 @@ pub struct Carrier {
     pub systematic_scale: f64,
     /// Standard deviation of the constant error of directions, degrees.
     pub systematic_heading_deg: f64,
-    /// How still a target stands: standard deviation of its place, each axis, when a camera looks.
-    /// Zero in records of before it, whose displacements' covariances have it.
+    /// Standing sigma of a target: standard deviation of its place, each axis, when a camera looks. Zero in
+    /// records of before it, whose displacements' covariances have it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub standing_sigma: f64,
 }
@@ -93,7 +92,7 @@ pub struct Bearing {
     pub sigma_deg: f64,
 }
 
-/// How a target came to a stop from the one before, as its carrier measured it.
+/// Leg of a target from one stop to the next, as its carrier measured it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Leg {
@@ -105,12 +104,12 @@ pub struct Leg {
     pub dx: f64,
     /// As `dx`.
     pub dy: f64,
-    /// Covariance `xx, xy, yy` of what is this leg's own. What all legs of a carrier share is not in
+    /// Covariance `xx, xy, yy` of this leg's own errors. The errors that all legs of a carrier share are not in
     /// it, see [`Carrier`].
     pub covariance: [f64; 3],
 }
 
-/// How far from a camera a target was, for example by its size in the picture.
+/// Distance of a target from a camera, for example by its size in the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Range {
@@ -126,7 +125,7 @@ pub struct Range {
     pub sigma: f64,
 }
 
-/// A target stood on a mark. Where that is nobody needs to know: one that is visited twice closes a
+/// Stop of a target on a mark. The place of the mark need not be known: one that is visited twice closes a
 /// loop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -137,11 +136,11 @@ pub struct Visit {
     pub stop: u32,
     /// The number of the mark.
     pub mark: u32,
-    /// How far beside it the target may have stood: standard deviation along each axis, above 0.
+    /// Distance beside it that the target may have stood: standard deviation along each axis, above 0.
     pub sigma: f64,
 }
 
-/// What is known of the lenses of pin-hole cameras.
+/// Prior knowledge of the lenses of pin-hole cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lens {

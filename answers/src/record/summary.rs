@@ -11,20 +11,20 @@ use crate::accuracy::{Spread, WithinSigmas};
 pub struct Summary {
     /// Cameras that are meant to be calibrated, references included.
     pub expected: usize,
-    /// How many of them are: their [status](Node::status) is `calibrated`.
+    /// Number of them that are: their [status](Node::status) is `calibrated`.
     pub calibrated: usize,
     /// Cameras that are no references; `null` if none of them can be compared.
     pub cameras: Option<Statistics>,
     /// All cameras, as in the thesis's Tables 4.3 to 4.5.
     pub all: Option<Statistics>,
-    /// How well the sightings of all cameras fit their poses.
+    /// Fit of the sightings of all cameras to their poses.
     pub fit: Fit<f64>,
 }
 
 /// Statistics of errors, over the cameras with a pose and a truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
-    /// How many cameras.
+    /// Number of cameras.
     pub count: usize,
     /// Signed errors.
     pub x: Errors,
@@ -103,7 +103,7 @@ impl Statistics {
                 (heading_deg, estimate.sigma_heading_deg),
             ];
             for (within, (error, sigma)) in within.iter_mut().zip(compared) {
-                // What was given is not an estimate.
+                // A given value is not an estimate.
                 if sigma > 0.0 {
                     within.add(error.abs() / sigma);
                 }

@@ -13,7 +13,7 @@ use crate::accuracy::{WithinSigmas, quantile};
 #[error("one run is of {0}, another of {1}: a sweep is over one scenario")]
 pub struct OtherScenario(String, String);
 
-/// Collects runs. What it keeps of a run is a few numbers per camera and stop.
+/// Collects runs. It keeps a few numbers per camera and stop of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Sweep {
     scenario: Option<(String, String)>,
@@ -23,7 +23,7 @@ pub struct Sweep {
     groups: BTreeMap<Group, Samples>,
 }
 
-/// Whose errors are counted together.
+/// Group of poses whose errors are counted together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Group {
     /// Every camera.
@@ -32,7 +32,7 @@ pub enum Group {
     Cameras,
     /// One camera.
     Camera(u16),
-    /// What a target believed at one of its stops.
+    /// Place of a target at one of its stops, as it believed.
     Stop {
         /// Number of the target.
         target: u16,
@@ -41,7 +41,7 @@ pub enum Group {
     },
 }
 
-/// What of a pose.
+/// Quantity of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
@@ -87,7 +87,7 @@ impl Component {
     fn add(&mut self, error: f64, sigma: f64) {
         self.errors.push(error.abs());
         self.sigmas.push(sigma);
-        // What was given is no estimate.
+        // A given value is not an estimate.
         if sigma > 0.0 {
             self.within.add(error.abs() / sigma);
         }
@@ -99,12 +99,12 @@ impl Component {
 pub struct Row {
     /// `all`, `cameras` (no references), `camera 3`, `target 20 stop 5`.
     pub group: String,
-    /// What of the pose.
+    /// Quantity of the pose.
     pub quantity: Quantity,
     /// Poses there should be.
     pub expected: usize,
-    /// How many of them are: cameras whose status is `calibrated`, stops that a target had a place
-    /// for. What follows is of all poses, whatever they are worth.
+    /// Number of them that are: cameras whose status is `calibrated`, stops that a target had a place for. The
+    /// fields below are of all poses, whatever they are worth.
     pub calibrated: usize,
     /// Root of the mean square of the errors, as all that follows; empty where there are none.
     pub rms: Option<f64>,
@@ -139,11 +139,11 @@ pub struct SweepReport {
     pub scenario: String,
     /// Name of the unit of length.
     pub unit: String,
-    /// How many runs.
+    /// Number of runs.
     pub runs: usize,
     /// In how many of them every camera that should be calibrated was.
     pub complete: usize,
-    /// How much is checked in all of them.
+    /// Number of poses that are checked in all of them.
     pub checked: Checked,
     /// All groups, four rows each (stops: three, without heading), in the order of [`Group`].
     pub rows: Vec<(Group, Row)>,

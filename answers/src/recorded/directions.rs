@@ -10,14 +10,14 @@ use super::{
     rows::{Column, Row, Rows},
 };
 
-/// Bearing sigma where a file of bearings says nothing: half a degree, radians. About what the
-/// cameras of small robots reach.
+/// Bearing sigma where a file of bearings says nothing: half a degree, radians. The cameras of small robots
+/// reach about that.
 pub const USUAL_BEARING_SIGMA: f64 = 0.0087;
 
-/// What a direction's column is called, as bearings in radians, in degrees and as pixel columns.
+/// Names of a direction's column, as bearings in radians, in degrees and as pixel columns.
 pub(super) type Names = [&'static str; 3];
 
-/// How directions are written down.
+/// Form in which directions are written down.
 #[derive(Clone, Copy)]
 enum Unit {
     Radians,
@@ -109,7 +109,7 @@ impl<const N: usize> Directions<N> {
         Ok(rays)
     }
 
-    /// Whether the sigma of a direction comes from the camera.
+    /// Returns true if the sigma of a direction comes from the camera.
     pub(super) fn are_pixels(&self) -> bool {
         matches!(self.unit, Unit::Pixels(_))
     }
@@ -125,7 +125,7 @@ impl<const N: usize> Directions<N> {
     }
 }
 
-/// Refuses columns that the camera does not have; what is no number is refused with its case.
+/// Refuses columns that the camera does not have; a value that is no number is refused with its case.
 fn check_column(camera: &Camera<f64>, column: f64) -> Result<(), String> {
     if column.is_finite() && !camera.has_column(column) {
         return Err(format!(

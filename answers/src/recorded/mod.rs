@@ -5,8 +5,8 @@
 //! around a cell and a UTF-8 byte order mark. Cells may be quoted, but a row is always one line:
 //! a quote that is never closed spoils its own row only.
 //!
-//! What is wrong with a *file* is a [`ReadError`]. What is wrong with a *row* is a [`Complaint`]
-//! with its line number, and reading goes on.
+//! Errors of a *file* are a [`ReadError`]. Errors of a *row* are a [`Complaint`] with its line number, and
+//! reading goes on.
 
 use std::{
     fmt,
@@ -43,9 +43,9 @@ pub enum ReadError {
          it names {found}"
     )]
     NoColumn {
-        /// What is needed.
+        /// Columns that are needed.
         missing: String,
-        /// What there is instead.
+        /// Columns that are there instead.
         found: String,
     },
     /// The first line names a column twice.
@@ -71,9 +71,9 @@ pub enum ReadError {
          are they degrees? Then call the column `{degrees}`"
     )]
     Degrees {
-        /// What the column is called.
+        /// Name of the column.
         radians: &'static str,
-        /// What it may have to be called.
+        /// Name that it may have to have.
         degrees: &'static str,
     },
     /// One row is wrong, in a file whose rows depend on each other.
@@ -81,7 +81,7 @@ pub enum ReadError {
     Row(Complaint),
 }
 
-/// What is wrong with one row, and what to do about it.
+/// Description of an error in one row, with advice.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Complaint {
     /// Counted from 1.

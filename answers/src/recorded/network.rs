@@ -1,4 +1,4 @@
-//! What was measured in a network: bearings, and displacements from stop to stop.
+//! Measurements of a network: bearings, and displacements from stop to stop.
 //!
 //! Bearings, a row for each:
 //!
@@ -48,7 +48,7 @@ use crate::record::sightings::{Bearing, Leg, Range, Visit};
 /// Number of the target where there is no column `target`.
 const ONLY_TARGET: u16 = 1;
 
-/// What a file of bearings does not say.
+/// Assumptions about what a file of bearings does not say.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Assumptions {
     /// The camera that pixel columns are of, the same model for all; with it, `column` is read
@@ -64,7 +64,7 @@ pub struct Assumptions {
 pub struct Bearings {
     /// In the order of the file.
     pub bearings: Vec<Bearing>,
-    /// Whether [`USUAL_BEARING_SIGMA`](super::USUAL_BEARING_SIGMA) had to be assumed.
+    /// True if [`USUAL_BEARING_SIGMA`](super::USUAL_BEARING_SIGMA) had to be assumed.
     pub sigma_assumed: bool,
     /// The measurements that the file has too, but that were not read.
     pub passed_over: Option<&'static str>,
@@ -73,7 +73,7 @@ pub struct Bearings {
 /// Reads bearings.
 ///
 /// # Errors
-/// What is wrong with the file or with any row of it.
+/// Errors of the file or of any row of it.
 pub fn bearings(input: impl BufRead, assumptions: &Assumptions) -> Result<Bearings, ReadError> {
     let mut rows = Rows::new(input)?;
     let target = rows.find("target")?;
@@ -125,7 +125,7 @@ pub fn bearings(input: impl BufRead, assumptions: &Assumptions) -> Result<Bearin
 /// Reads displacements. `sigma` is their standard deviation where the file has none.
 ///
 /// # Errors
-/// What is wrong with the file or with any row of it.
+/// Errors of the file or of any row of it.
 pub fn legs(input: impl BufRead, sigma: Option<f64>) -> Result<Vec<Leg>, ReadError> {
     let mut rows = Rows::new(input)?;
     let target = rows.find("target")?;
@@ -188,7 +188,7 @@ pub fn legs(input: impl BufRead, sigma: Option<f64>) -> Result<Vec<Leg>, ReadErr
 /// Reads ranges.
 ///
 /// # Errors
-/// What is wrong with the file or with any row of it.
+/// Errors of the file or of any row of it.
 pub fn ranges(input: impl BufRead) -> Result<Vec<Range>, ReadError> {
     let mut rows = Rows::new(input)?;
     let target = rows.find("target")?;
@@ -208,7 +208,7 @@ pub fn ranges(input: impl BufRead) -> Result<Vec<Range>, ReadError> {
 /// Reads visits to marks.
 ///
 /// # Errors
-/// What is wrong with the file or with any row of it.
+/// Errors of the file or of any row of it.
 pub fn visits(input: impl BufRead) -> Result<Vec<Visit>, ReadError> {
     let mut rows = Rows::new(input)?;
     let target = rows.find("target")?;

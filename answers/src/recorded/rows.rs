@@ -161,7 +161,7 @@ impl<'a> Row<'a> {
         })
     }
 
-    /// What is wrong with this row.
+    /// Complaint about this row.
     pub(super) fn complaint(&self, text: String) -> Complaint {
         Complaint {
             line: self.line,

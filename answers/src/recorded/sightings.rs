@@ -28,7 +28,7 @@ use super::{
     rows::{Column, Row, Rows, shortened},
 };
 
-/// What the file itself does not say.
+/// Assumptions about what the file itself does not say.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Assumptions {
     /// The camera that pixel columns are of; with it, `column` is read rather than bearings.
@@ -48,27 +48,27 @@ pub struct Recording {
     passed_over: Option<&'static str>,
 }
 
-/// What is recorded of one case.
+/// Recorded sightings of one case.
 #[derive(Clone, Debug, Default)]
 pub struct Case {
     /// Those of its rows that could be read, in the order of the file.
     pub sightings: Vec<Sighting<f64>>,
-    /// How many of its rows could not be read.
+    /// Number of its rows that could not be read.
     pub unreadable: usize,
 }
 
 impl Recording {
-    /// How many cases there are.
+    /// Number of cases.
     pub fn len(&self) -> usize {
         self.cases.len()
     }
 
-    /// Whether there is no case.
+    /// Returns true if there is no case.
     pub fn is_empty(&self) -> bool {
         self.cases.is_empty()
     }
 
-    /// Whether [`USUAL_BEARING_SIGMA`](super::USUAL_BEARING_SIGMA) had to be assumed.
+    /// Returns true if [`USUAL_BEARING_SIGMA`](super::USUAL_BEARING_SIGMA) had to be assumed.
     pub fn sigma_assumed(&self) -> bool {
         self.sigma_assumed
     }
@@ -171,10 +171,10 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// Reads sightings. What is wrong with single rows goes to `complain`; their cases are marked.
+/// Reads sightings. Errors of single rows go to `complain`; their cases are marked.
 ///
 /// # Errors
-/// What is wrong with the file as a whole.
+/// Errors of the file as a whole.
 pub fn read(
     input: impl BufRead,
     assumptions: &Assumptions,
@@ -194,14 +194,14 @@ pub fn read(
     Ok(recording)
 }
 
-/// What there is to know of a file before its cases are read [one by one](each).
+/// Overview of a file before its cases are read [one by one](each).
 #[derive(Clone, Copy, Debug)]
 pub struct Survey {
-    /// How many cases there are; if they are not [together](Self::are_together), as often as one begins.
+    /// Number of cases; if they are not [together](Self::are_together), the number of times that one begins.
     pub cases: usize,
     /// Characters of the longest name of a case.
     pub widest: usize,
-    /// Whether the rows of each case follow one another.
+    /// True if the rows of each case follow one another.
     pub are_together: bool,
     /// See [`Recording::sigma_assumed`].
     pub sigma_assumed: bool,
@@ -285,7 +285,7 @@ pub fn each<E: From<ReadError>>(
     }
 }
 
-/// What a file says besides its rows.
+/// Content of a file besides its rows.
 struct Told {
     sigma_assumed: bool,
     passed_over: Option<&'static str>,

@@ -22,7 +22,7 @@ use super::{
     rows::{Column, Row, Rows},
 };
 
-/// What the file itself does not say.
+/// Assumptions about what the file itself does not say.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Assumptions {
     /// The camera that pixel columns are of, the same model for both; with it, `column_0` and
@@ -40,9 +40,9 @@ pub struct Assumptions {
 pub struct Stops {
     /// Their names.
     pub names: Vec<String>,
-    /// What was measured there.
+    /// Measurements at each stop.
     pub stops: Vec<Stop<f64>>,
-    /// Whether [`USUAL_BEARING_SIGMA`](super::USUAL_BEARING_SIGMA) had to be assumed.
+    /// True if [`USUAL_BEARING_SIGMA`](super::USUAL_BEARING_SIGMA) had to be assumed.
     pub sigma_assumed: bool,
     /// The measurements that the file has too, but that were not read, such as `column_0` beside
     /// bearings.
@@ -101,7 +101,7 @@ impl<'a> Layout<'a> {
 /// Reads stops.
 ///
 /// # Errors
-/// What is wrong with the file or with any row of it.
+/// Errors of the file or of any row of it.
 pub fn read(input: impl BufRead, assumptions: &Assumptions) -> Result<Stops, ReadError> {
     let mut rows = Rows::new(input)?;
     let mut layout = Layout::find(&rows, assumptions)?;

@@ -19,7 +19,7 @@ pub struct Truth {
 /// the recording does not have are passed over.
 ///
 /// # Errors
-/// What is wrong with the file as a whole. Single rows go to `complain`.
+/// Errors of the file as a whole. Single rows go to `complain`.
 pub fn read(
     input: impl BufRead,
     recording: &Recording,
@@ -32,7 +32,7 @@ pub fn read(
 /// Reads so many true poses, each to the place that `position` tells of its case, if it does.
 ///
 /// # Errors
-/// What is wrong with the file as a whole. Single rows go to `complain`.
+/// Errors of the file as a whole. Single rows go to `complain`.
 pub fn read_for(
     input: impl BufRead,
     count: usize,

@@ -11,9 +11,9 @@ use crate::answer::{Answer, Reason};
 /// One case's answer. Values are null where there is no pose.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PoseLine<'a> {
-    /// Whose, as it stands in the file; always a string.
+    /// Name of the case as it stands in the file; always a string.
     pub case: &'a str,
-    /// What became of it.
+    /// Status of its answer.
     pub status: Status,
     /// Why there is no pose: `unreadable` (a row of the case), or the name of a refusal. Why it is
     /// doubtful: `contradictory` or `ambiguous`.
@@ -32,7 +32,7 @@ pub struct PoseLine<'a> {
     pub sigma_heading_rad: Option<f64>,
     /// Recorded sightings of this case, dropped ones included.
     pub sightings: usize,
-    /// How many of them were dropped as outliers.
+    /// Number of sightings that were dropped as outliers.
     pub dropped: usize,
     /// Sum of the squared residuals, each over its variance: about `sightings - dropped - 3` where
     /// the sigmas are right.
@@ -63,12 +63,12 @@ impl<'a> PoseLine<'a> {
 /// The answer of a reference solve.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ReferenceLine<'a> {
-    /// What became of it: `calibrated`, `doubtful`, `refused` or `waiting`.
+    /// Status of its answer: `calibrated`, `doubtful`, `refused` or `waiting`.
     pub status: Status,
     /// Why it is not calibrated: [`CONTRADICTORY`](Self::CONTRADICTORY),
     /// [`AMBIGUOUS`](Self::AMBIGUOUS), or the name of a refusal.
     pub reason: Option<&'static str>,
-    /// How many different answers are physically possible; 0 where there is none.
+    /// Number of different answers that are physically possible; 0 where there is none.
     pub candidates: usize,
     /// The answer that fits best.
     pub best: Option<ReferenceSolution<'a>>,

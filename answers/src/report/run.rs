@@ -183,7 +183,7 @@ fn error(e: &PoseError) -> String {
     format!("({:+.3}, {:+.3}, {:+.2})", e.x, e.y, e.heading_deg)
 }
 
-/// Tables 4.3 to 4.5, and what says more than a mean of signed errors.
+/// Tables 4.3 to 4.5, and statistics that say more than a mean of signed errors.
 fn statistics(records: &[&RunRecord]) -> String {
     let cameras = || records.iter().flat_map(|record| record.cameras());
     let others = Statistics::of(cameras().filter(|camera| !camera.reference));
@@ -309,10 +309,10 @@ fn beside(thesis: &Published, ours: Option<&Statistics>, ours_is: &str) -> Strin
     )
 }
 
-/// Cameras no further apart than this, metres, look at what is no room.
+/// Cameras no further apart than this, metres, do not look at a room.
 const ROOM_METRES: f64 = 3.0;
 
-/// How far apart the outermost cameras of a network stand, metres.
+/// Distance between the outermost cameras of a network, metres.
 fn extent(record: &RunRecord, network: u16) -> f64 {
     let own = |node: &&Node| node.network == network;
     let places: Vec<_> = { record.cameras() }
@@ -331,7 +331,7 @@ const FOLLOWED: f64 = 0.5;
 /// Errors of tracks this many times larger than foretold are told.
 const OVERCONFIDENT: f64 = 2.0;
 
-/// How well objects were tracked.
+/// Quality of the tracking of objects.
 fn tracking(record: &RunRecord) -> String {
     let unit = &record.unit.name;
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
@@ -377,7 +377,7 @@ fn tracking(record: &RunRecord) -> String {
     lines.collect()
 }
 
-/// What a calibrated camera costs, against the thesis's exchange.
+/// Traffic per calibrated camera, against the thesis's exchange.
 fn traffic(record: &RunRecord, radio: &Radio) -> String {
     let calibrated = record.summary.calibrated;
     let mut text = String::new();
@@ -402,7 +402,7 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
                  acknowledgements and retries.\nThesis: seven 12-byte packets of its Appendix B, \
                  none lost, in plain frames.\n";
     }
-    // That a frame for others is not taken in is no failure.
+    // A frame for others that is not taken in is no failure.
     let drops = radio.drops.iter().filter(|(why, _)| *why != "filtered");
     let drops: Vec<String> = drops
         .map(|(why, n)| format!("{n} {}", why.replace('_', " ")))
@@ -437,7 +437,7 @@ const ENDURANCE: f64 = 10_000.0;
 const DAY_S: f64 = 86_400.0;
 const YEAR_S: f64 = 365.25 * DAY_S;
 
-/// How much the nodes' flash was used. What a shorter time than a day does to it tells nothing of years.
+/// Wear of the nodes' flash. A run of less than a day tells nothing of years.
 fn wear(record: &RunRecord) -> Option<String> {
     let most = { record.nodes.iter() }
         .filter_map(|node| Some((node.page_erasures?, node.id)))

@@ -83,7 +83,7 @@ impl<W: Write> PoseTable<W> {
         )
     }
 
-    /// What the table was written to.
+    /// Writer that the table was written to.
     pub fn into_inner(self) -> W {
         self.out
     }

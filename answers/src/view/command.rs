@@ -1,4 +1,4 @@
-//! What cameras can be told, as people type it.
+//! Commands for cameras, as people type them.
 
 use node_firmware::message::CameraCommand;
 
@@ -23,7 +23,7 @@ pub fn parse_command(name: &str) -> Option<CameraCommand> {
     })
 }
 
-/// What [`parse_command`] reads.
+/// Text that [`parse_command`] reads as this command.
 pub fn command_name(command: CameraCommand) -> String {
     let coloured = |name: &str, colour| match colour {
         0 => name.to_owned(),

@@ -1,9 +1,9 @@
-//! What a PC on a coordinator's line knows of its network, simulated or real.
+//! Knowledge of a PC on a coordinator's line about its network, simulated or real.
 //!
 //! [`NetworkView`] takes the messages of the coordinator and the time. It tells members, poses and
 //! sightings, and makes a [`RunRecord`](crate::record::RunRecord) of them, so that tables, verdict,
-//! drawings and exports of a real network are those of a simulated one. A site file adds what nobody
-//! tells a PC: lenses, walls, the place in the building. A simulation adds the truth itself.
+//! drawings and exports of a real network are those of a simulated one. A site file adds what a PC is not
+//! told: lenses, walls, the place in the building. A simulation adds the truth itself.
 
 use std::{collections::BTreeMap, fmt, time::Duration};
 
@@ -39,13 +39,13 @@ pub struct Member {
     pub address: MemberAddress,
     /// The number by which people know it.
     pub id: u16,
-    /// What it is; `None`: it has not said so since the coordinator started.
+    /// Kind of member; `None`: it has not told it since the coordinator started.
     pub kind: Option<MemberKind>,
-    /// How far it is, if it is a camera.
+    /// Its last report, if it is a camera.
     pub report: Option<Report>,
-    /// How it is, as it says itself.
+    /// Its health, as it says itself.
     pub health: Health,
-    /// A reference camera that does not answer the coordinator, before anybody has a pose.
+    /// A reference camera that does not answer the coordinator, before any camera has a pose.
     pub absent: bool,
     /// It joined again since, and has another address.
     pub replaced: bool,
@@ -62,7 +62,7 @@ pub struct Member {
 }
 
 impl Member {
-    /// Whether it is a camera. Only cameras report.
+    /// Returns true if it is a camera. Only cameras report.
     pub fn is_camera(&self) -> bool {
         match self.kind {
             Some(kind) => kind != MemberKind::Target,
@@ -70,7 +70,7 @@ impl Member {
         }
     }
 
-    /// Whether it is a reference camera: by its configuration, or because it was elected.
+    /// Returns true if it is a reference camera: by its configuration, or because it was elected.
     pub fn is_reference(&self) -> bool {
         matches!(self.kind, Some(MemberKind::Camera { reference: Some(_) }))
             || self.report.is_some_and(|report| report.duty.is_some())
@@ -87,8 +87,8 @@ impl Member {
         Estimate::new(&self.pose()?)
     }
 
-    /// What one wrong measurement that nobody noticed could do to its pose, if a target estimated it
-    /// together with all that was measured; of a reference nobody says that.
+    /// Most that one unnoticed wrong measurement could do to its pose, if a target estimated it together with all
+    /// that was measured; it is not told of a reference.
     pub fn protection(&self) -> Option<Protection> {
         let level = self.report?.joint.filter(|_| !self.is_reference())?;
         let is_bounded = level.position.max(level.heading) < f32::MAX;
@@ -98,7 +98,7 @@ impl Member {
         })
     }
 
-    /// How far it is.
+    /// Status of the camera.
     pub fn status(&self) -> Status {
         self.report
             .map_or(Status::Waiting, |report| report.status())
@@ -123,19 +123,19 @@ impl Member {
         }
     }
 
-    /// Whether it did not answer, though it was asked.
+    /// Returns true if it did not answer, though it was asked.
     pub fn is_silent(&self, now: Duration) -> bool {
         let waited = |asked: Duration| now.saturating_sub(asked) >= PATIENCE;
         self.absent || self.asked.is_some_and(waited)
     }
 
-    /// Whether it has sightings to tell that it has not told.
+    /// Returns true if it has sightings to tell that it has not told.
     pub fn has_untold_sightings(&self) -> bool {
         let report = self.report.filter(|report| report.duty.is_none());
         report.is_some_and(|report| self.sightings.len() != usize::from(report.sightings))
     }
 
-    /// Tells what is known of it. Where it really is has to be there before.
+    /// Fills in what is known of it. Its true place must be there before.
     pub fn describe(&self, node: &mut Node) {
         node.address = Some(self.address);
         node.health = self.health;
@@ -173,7 +173,7 @@ fn exact(parts: &PoseParts) -> Option<Pose<f64>> {
     })
 }
 
-/// What the coordinator has told.
+/// Knowledge that the coordinator has told.
 #[derive(Clone, Debug, Default)]
 pub struct NetworkView {
     network: Option<Option<NetworkInfo>>,
@@ -185,7 +185,7 @@ pub struct NetworkView {
     health: Health,
 }
 
-/// Whether these networks have so many cameras together, one at least, and all are calibrated.
+/// Returns true if these networks together have so many cameras, at least one, and all are calibrated.
 pub fn are_calibrated<'a>(
     views: impl IntoIterator<Item = &'a NetworkView>,
     cameras: usize,
@@ -204,7 +204,7 @@ impl NetworkView {
         self.network.flatten()
     }
 
-    /// How the coordinator is, as it says itself.
+    /// Health of the coordinator, as it says itself.
     pub fn health(&self) -> Health {
         self.health
     }
@@ -252,7 +252,7 @@ impl NetworkView {
         present.filter(|member| member.is_camera()).collect()
     }
 
-    /// How many cameras have the status `calibrated`.
+    /// Number of cameras that have the status `calibrated`.
     pub fn calibrated(&self) -> usize {
         let cameras = self.cameras().into_iter();
         cameras
@@ -260,8 +260,8 @@ impl NetworkView {
             .count()
     }
 
-    /// Whether a sighting that the camera at this address tells is one that it had not told, of a stop that
-    /// began while somebody listened.
+    /// Returns true if a sighting that the camera at this address tells is one that it had not told, of a stop
+    /// that began while the PC listened.
     pub fn is_seen_now(&self, address: MemberAddress, told: &ListedSighting) -> bool {
         let at = |address| self.members.iter().find(|m| m.address == address);
         let same = |known: &ListedSighting| (known.target, known.stop) == (told.target, told.stop);
@@ -277,11 +277,11 @@ impl NetworkView {
         }
     }
 
-    /// Takes a message. Returns what is new in words for people, if anything is.
+    /// Takes a message. Returns the news in words for people, if there is any.
     pub fn take(&mut self, now: Duration, message: &ToPc) -> Option<String> {
         let news = self.learn(now, message);
         let told = match *message {
-            // The coordinator tells these again when it is asked, whoever is there.
+            // The coordinator tells these again when it is asked, for every member.
             ToPc::Member { address, .. } | ToPc::Report { address, .. } if news.is_some() => {
                 address
             }
@@ -366,7 +366,7 @@ impl NetworkView {
                 is_news.then(|| match present {
                     true => format!("{name}: the reference camera answers again"),
                     false => format!(
-                        "{name}: the reference camera does not answer, and nobody gets a pose without \
+                        "{name}: the reference camera does not answer, and no camera gets a pose without \
                          it: check its power and its radio, or put another one in its place"
                     ),
                 })
@@ -382,7 +382,7 @@ impl NetworkView {
                 known.1 = place.or(known.1);
                 None
             }
-            // Nobody asks for these here.
+            // These are not asked for here.
             ToPc::Tracked { .. } | ToPc::Object { .. } => None,
         }
     }
@@ -392,7 +392,7 @@ impl NetworkView {
         members.find(|member| member.address == address)
     }
 
-    /// How people call the member at an address.
+    /// Name that people know of the member at an address.
     fn name(&self, address: MemberAddress) -> String {
         match self.members.iter().find(|member| member.address == address) {
             Some(member) => format!("{} {}", member.kind_name(), member.id),
@@ -401,7 +401,7 @@ impl NetworkView {
         }
     }
 
-    /// The member at an address, if it is this node; made if there was none. Whether it was made.
+    /// The member at an address, if it is this node; made if there was none. The flag is true if it was made.
     fn member_at(&mut self, address: MemberAddress, id: u16) -> (&mut Member, bool) {
         let known = |member: &Member| (member.address, member.id) == (address, id);
         let place = self.members.iter().position(known);
@@ -470,7 +470,7 @@ impl NetworkView {
     }
 }
 
-/// How far a camera is, in words.
+/// Progress of a camera, in words.
 struct Progress<'a>(&'a Member);
 
 impl fmt::Display for Progress<'_> {
@@ -507,7 +507,7 @@ impl fmt::Display for Progress<'_> {
     }
 }
 
-/// How a change of the key goes, in words.
+/// Progress of a change of the key, in words.
 struct KeyNews(KeyChangeReport);
 
 impl fmt::Display for KeyNews {

@@ -12,8 +12,8 @@ use crate::record::{
 };
 
 impl NetworkView {
-    /// What is known as the record of a network without truth. What the site file does not tell, or
-    /// where there is none, is not known, but that a weak pose is one by the firmware's own limits.
+    /// Record of a network without truth. Values that the site file does not tell, or where there is none, are
+    /// not known, but that a weak pose is one by the firmware's own limits.
     pub fn record(&self, now: Duration, site: Option<&SitePlan>) -> RunRecord {
         let site = site.map(|site| site.with_references(self.references()));
         let site = site.as_ref();
@@ -121,7 +121,7 @@ impl NetworkView {
                 .values()
                 .map(|told| (told.stop.into(), stop(told)))
                 .collect();
-            // What the target says itself came at once, and tells more.
+            // The target's own report came at once, and tells more.
             let own = self.present().into_iter().filter(|m| m.id == id);
             for (number, (at, place)) in own.flat_map(|m| &m.stops) {
                 if let Some(place) = place {

@@ -1,4 +1,4 @@
-//! What a site file tells of a network beside what the network tells itself.
+//! Facts about a network from a site file, beside those that the network tells itself.
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -28,7 +28,7 @@ impl SitePlan {
     /// The network of a site to which most of these numbers belong; `None` if it has no network.
     ///
     /// # Errors
-    /// The file is none of which nodes can be configured.
+    /// The nodes of the file cannot be configured.
     pub fn new(scenario: &Scenario, members: &[u16]) -> Result<Option<Self>, ScenarioError> {
         // No key is needed to know what else nodes are configured to.
         let configs = site::configs(scenario, SiteKey::new(1, *b"no key is needed"))?;
@@ -41,7 +41,7 @@ impl SitePlan {
                 .count()
         };
         let networks = scenario.networks.iter().zip(&configs).enumerate();
-        // Of several with as many, the first.
+        // If several have as many, the first.
         let best = networks
             .rev()
             .max_by_key(|(_, (network, _))| belong(network));
@@ -117,8 +117,7 @@ impl SitePlan {
         cameras.chain(targets).collect()
     }
 
-    /// The outlines of what hides targets, in the frame of the network; none if nobody knows where
-    /// that is.
+    /// The outlines of what hides targets, in the frame of the network; none if it is not known where that is.
     pub(super) fn obstacles(&self) -> Vec<Vec<[f64; 2]>> {
         let Some(frame) = &self.frame else {
             return Vec::new();
@@ -158,7 +157,7 @@ pub fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
     corners.map(Into::into).collect()
 }
 
-/// What a camera was told about weak poses.
+/// Limits of weak poses that a camera was told.
 pub fn limits(camera: &CameraConfig) -> Limits {
     Limits {
         sigma_position: camera.weak.position.into(),
@@ -166,7 +165,7 @@ pub fn limits(camera: &CameraConfig) -> Limits {
     }
 }
 
-/// What cameras are told where nobody says otherwise.
+/// Limits that cameras are told by default.
 pub(super) fn usual_limits() -> Limits {
     // They do not depend on these.
     let (lens, subjects) = (Lens::pin_hole(88, 45.0), Subjects::Motion { threshold: 12 });

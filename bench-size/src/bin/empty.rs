@@ -1,4 +1,4 @@
-//! Nothing but what every image has.
+//! Only the parts that every image has.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 bench_size::image!(bench_size::task::empty);

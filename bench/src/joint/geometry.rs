@@ -1,4 +1,4 @@
-//! Geometry from scenarios: who sees which stop, in the frame of the references.
+//! Geometry from scenarios: cameras and the stops that they see, in the frame of the references.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use test_support::{
     walk::{CarrierErrors, SeenAt, Walk},
 };
 
-/// How bearings err.
+/// Errors of bearings.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Bearings {
     /// By a normal error of this standard deviation, radians.
@@ -74,7 +74,7 @@ impl Setting {
         })
     }
 
-    /// What is measured on the walk.
+    /// Measurements of the walk.
     pub(super) fn measured(&self, seed: u64, carrier: CarrierErrors, bearings: Bearings) -> Walk {
         let mut rng = generator(seed ^ 0x6a6f_696e_7400);
         let seen = self.seen.iter().map(|&(stop, camera)| {

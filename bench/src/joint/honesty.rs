@@ -1,4 +1,4 @@
-//! Are the sigmas what they claim? Squared errors over predicted covariances, over 500 runs.
+//! Check of the sigmas: squared errors over predicted covariances, over 500 runs.
 
 use calib_core::joint::Round;
 use nalgebra::{Matrix2, Vector2};
@@ -50,7 +50,7 @@ pub(super) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         for (n, quantity) in QUANTITIES.into_iter().enumerate() {
             let degrees: f64 = sums.iter().map(|run| run[n].1).sum();
             let ratio = sums.iter().map(|run| run[n].0).sum::<f64>() / degrees;
-            // What one run says is not independent.
+            // The errors of one run are not independent.
             let squares = sums.iter().map(|run| (run[n].0 - ratio * run[n].1).powi(2));
             let band = BAND * squares.sum::<f64>().sqrt() / degrees;
             let estimate = Estimate {

@@ -24,7 +24,7 @@ mod solvers;
 use geometry::{Bearings, Setting};
 use solvers::{Errors, Run};
 
-/// What is estimated in a row.
+/// Case that is estimated in a row.
 struct Case {
     name: &'static str,
     scenario: &'static str,
@@ -32,7 +32,7 @@ struct Case {
     carrier: CarrierErrors,
     bearings: Bearings,
     seeds: u64,
-    /// Of rms x, y and heading.
+    /// Goals of rms x, y and heading.
     rms: [Goal; 3],
     unit: &'static str,
     limits: Limits<f64>,
@@ -267,7 +267,7 @@ fn scenario(case: &Case, seed: u64) -> anyhow::Result<Scenario> {
     Ok(Scenario::load(case.scenario, &changes)?)
 }
 
-/// A mean over poses; runs are what is independent.
+/// A mean over poses; runs are independent, poses are not.
 fn mean(runs: &[&Errors], of: impl Fn(&Errors) -> f64) -> Estimate {
     let poses: f64 = runs.iter().map(|run| run.poses.len() as f64).sum();
     let mean = runs.iter().map(|run| of(run)).sum::<f64>() / poses;

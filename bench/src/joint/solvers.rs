@@ -1,4 +1,4 @@
-//! Three ways to solve a walk, and how far off they are.
+//! Three ways to solve a walk, and their errors.
 
 use calib_core::{
     Limits, Ray, Sighting,
@@ -38,8 +38,8 @@ fn memory(walk: &Walk) -> JointMemory<'static, f32> {
     }
 }
 
-/// Of the cameras that are no references: errors of x, y and heading (degrees), and squared error
-/// over predicted covariance.
+/// Errors of the cameras that are no references: of x, y and heading (degrees), and squared error over predicted
+/// covariance.
 #[derive(Default)]
 pub(super) struct Errors {
     pub(super) poses: Vec<([f64; 3], f64)>,
@@ -52,12 +52,12 @@ pub(super) struct Run {
     pub(super) open: Option<Errors>,
     /// Cameras that have three bearings.
     pub(super) able: usize,
-    /// Of the joint solution: of reference headings, carrier, last stop.
+    /// NEES of the joint solution: of reference headings, carrier, last stop.
     pub(super) nees: [f64; 3],
     pub(super) passes: usize,
 }
 
-/// What the nodes know of the carrier: the firmware's defaults for one of which nothing is known.
+/// Knowledge of the nodes about the carrier: the firmware's defaults for one of which nothing is known.
 fn prior(errors: &CarrierErrors) -> [f64; 2] {
     if errors.scale > 1e-3 {
         [0.08, 3_f64.to_radians()]

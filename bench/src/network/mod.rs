@@ -23,14 +23,14 @@ const PATHS: [u64; 3] = [1, 2, 3];
 const QUANTITIES: [(&str, &str); 3] = [("x", "units"), ("y", "units"), ("heading", "deg")];
 /// One byte of such a share of the lines is another.
 const CORRUPT_LINE: f64 = 0.05;
-/// True scale errors and heading biases of carriers of whom nothing is known, standard deviations:
-/// less than the firmware's `systematic_scale` and `systematic_heading_deg`, which are to cover most.
+/// True scale errors and heading biases of unknown carriers, standard deviations: less than the firmware's
+/// `systematic_scale` and `systematic_heading_deg`, which are to cover most.
 const UNKNOWN_SCALE: f64 = 0.05;
 const UNKNOWN_HEADING_DEG: f64 = 2.0;
-/// How well somebody measures a ball, standard deviation as a share.
+/// Error of a measured ball, standard deviation as a share.
 const BALL_ERROR: f64 = 0.01;
 
-/// Who carries the target, and what its node is told of that.
+/// Carrier of the target, and the settings that its node has for it.
 #[derive(Clone, Copy, PartialEq)]
 enum Carrier {
     /// As the scenario has it: the thesis's robot, that reports its legs as they were planned.
@@ -40,7 +40,7 @@ enum Carrier {
     /// A person of whom nothing is known: the firmware's own defaults, and a constant error of
     /// distances and of headings that is another for each seed.
     Unknown,
-    /// The same, with a ball that somebody measured, to 1 %.
+    /// The same, with a ball that was measured, to 1 %.
     UnknownWithBall,
 }
 
@@ -50,7 +50,7 @@ impl Carrier {
     }
 }
 
-/// Why a wrong lens is not always told.
+/// Reason why a wrong lens is not always told.
 const LENS: &str = "sightings that span little of the picture fit a wrong lens";
 
 /// A row of the table.
@@ -59,9 +59,9 @@ struct Case {
     scenario: &'static str,
     carrier: Carrier,
     changes: Overrides,
-    /// Of each path: in full, and in brief.
+    /// Seeds of each path: in full, and in brief.
     seeds: [u64; 2],
-    /// Of the root of the mean square of x, y and heading.
+    /// Goals of the root of the mean square of x, y and heading.
     rms: [Goal; 3],
     nees: Goal,
     /// The share of the cameras that are calibrated.
@@ -149,8 +149,8 @@ fn cases() -> Vec<Case> {
             rms: [0.27, 0.29, 0.96].map(Goal::AtMost),
             // 97 % of 300 runs; in a brief run one walk is 3 %.
             calibrated: Goal::AtLeast(0.9),
-            // Measured: the firmware's sigmas are to cover more than what is drawn here, 3 to 2 degrees and
-            // 8 to 5 %, so that squared errors are less than half of those foretold.
+            // Measured: the firmware's sigmas are to cover more than the errors drawn here, 3 to 2 degrees and 8
+            // to 5 %, so that squared errors are less than half of those foretold.
             nees: Goal::Within(0.4, 1.6),
             ..Case::default()
         },
@@ -348,7 +348,7 @@ fn row(sheet: &mut Sheet, case: &Case, is_brief: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// How far off targets believe to be, at the first stops where they know a place and the last.
+/// Errors of the targets' places, at the first, a middle and the last of the stops where they know one.
 fn growth(sheet: &mut Sheet, sweep: Sweep) {
     let Some(report) = sweep.finish() else {
         return;

@@ -1,4 +1,4 @@
-//! Many runs, and what their cameras came to.
+//! Many runs, and the results of their cameras.
 
 use std::{collections::BTreeMap, num::NonZeroUsize, thread};
 
@@ -9,9 +9,8 @@ use site::Scenario;
 
 use crate::figure::Estimate;
 
-/// What the cameras of many runs came to. Errors are those of the cameras that are no references,
-/// whatever their poses are worth; a run's cameras share the error of its references, so runs are
-/// what is independent.
+/// Results of the cameras of many runs. Errors are those of the cameras that are no references, even of refused
+/// poses; a run's cameras share the error of its references, so only runs are independent.
 #[derive(Default)]
 pub(super) struct Tally {
     runs: Vec<Run>,
@@ -91,7 +90,7 @@ impl Tally {
         self.runs.push(run);
     }
 
-    /// The mean over all poses, with its standard error from how runs differ.
+    /// The mean over all poses, with its standard error from the differences of runs.
     fn mean(&self, of: impl Fn(&Run) -> f64) -> Estimate {
         let poses: f64 = self.runs.iter().map(|run| run.poses).sum();
         let mean = self.runs.iter().map(&of).sum::<f64>() / poses;

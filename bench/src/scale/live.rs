@@ -1,4 +1,4 @@
-//! `live` with very many cameras: whether it keeps up with real time, and what it sends.
+//! `live` with very many cameras: its speed against real time, and the data that it sends.
 
 use std::{
     io::{BufRead, BufReader, Write},
@@ -68,7 +68,7 @@ struct Watched {
     of_verdicts: f64,
 }
 
-/// Reads what a page is told.
+/// Reads the messages that a page gets.
 fn watch(server: &mut std::process::Child) -> anyhow::Result<Watched> {
     let output = server.stdout.take().context("the output is piped")?;
     let mut url = String::new();

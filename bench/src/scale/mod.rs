@@ -3,12 +3,12 @@
 //! | module | rows |
 //! |---|---|
 //! | this one | `run grid` of 13 to 10,000 nodes |
-//! | `live` | `live grid` of 1,000 nodes: what its page is sent, and at what cost |
+//! | `live` | `live grid` of 1,000 nodes: the data that its page is sent, and their cost |
 //! | `solve` | `solve` of a million cases |
 //! | `solve_network` | `solve-network` of up to 1,000 cameras |
 //!
-//! Counted is processor time, which other work on the machine changes little; each run is a process of its
-//! own, so that peaks of memory are its own too.
+//! Processor time is counted, which other work on the machine changes little; each run is a process of its own, so
+//! that peaks of memory are its own too.
 
 use std::{path::PathBuf, process::Command};
 
@@ -22,7 +22,7 @@ mod solve_network;
 use self::process::Cost;
 use crate::figure::{Goal, Sheet};
 
-/// Nodes, how often that is run, and how many times real time are the least.
+/// Nodes, number of runs, and the least multiple of real time.
 const GRIDS: [(usize, u32, f64); 4] = [
     (13, 20, 30_000.0),
     (100, 4, 4_000.0),
@@ -58,7 +58,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         let [(fewer, less), (more, longer)] = [pair[0], pair[1]];
         let power = f64::ln(longer / less) / f64::ln(more / fewer);
         let name = format!("growth from {fewer} to {more} nodes: power");
-        // The smallest one is mostly what starting a program costs.
+        // The smallest one takes most of its time to start a program.
         let goal = match fewer < 100.0 {
             true => Goal::None,
             false => Goal::AtMost(GROWTH),

@@ -1,4 +1,4 @@
-//! What a process costs, as Linux counts it.
+//! Cost of a process, as Linux counts it.
 
 use std::{
     fs,
@@ -10,16 +10,16 @@ use std::{
 
 use anyhow::{Context, ensure};
 
-/// How often memory is looked at. The kernel keeps the peak, so only what grows in the last moments is missed.
+/// Interval at which memory is looked at. The kernel keeps the peak, so only growth in the last moments is missed.
 const LOOKS: Duration = Duration::from_millis(2);
 
 /// Linux counts processor time in these, seconds.
 const TICK: f64 = 0.01;
 
-/// What a process took.
+/// Cost of a process.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Cost {
-    /// Of processor, of all its threads.
+    /// Time of the processor, of all its threads.
     pub(super) seconds: f64,
     /// Bytes of memory, at most.
     pub(super) peak: u64,
@@ -34,7 +34,7 @@ impl Cost {
         }
     }
 
-    /// Of a process that runs, so far.
+    /// Cost of a process that runs, so far.
     pub(super) fn so_far(child: &Child) -> anyhow::Result<Self> {
         let id = child.id();
         Ok(Self {
@@ -44,7 +44,7 @@ impl Cost {
     }
 }
 
-/// Runs a program to its end, which is one of these codes. What it printed, and what it took.
+/// Runs a program to its end, which is one of these codes. Returns its output, and its cost.
 pub(super) fn measured(command: &mut Command, codes: &[i32]) -> anyhow::Result<(String, Cost)> {
     let before = of_children()?;
     let mut child = command

@@ -14,7 +14,7 @@ const CASES: u32 = 1_000_000;
 /// Sightings of each.
 const ROWS: u32 = 4;
 
-/// Megabytes, at most, however many cases there are.
+/// Megabytes, at most, for any number of cases.
 const MEMORY: f64 = 50.0;
 
 pub(super) fn run(sheet: &mut Sheet, program: &Path) -> anyhow::Result<()> {

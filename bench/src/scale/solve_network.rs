@@ -84,7 +84,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is solved has to be a solution.
+/// Checks that the solution is one.
 fn judge(solved: &[NetworkSolution], cameras: usize) -> anyhow::Result<()> {
     let [solution] = solved else {
         anyhow::bail!("there is one walk");

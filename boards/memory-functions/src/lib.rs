@@ -1,9 +1,9 @@
 //! `memcpy`, `memmove`, `memset` and `memcmp` of a Cortex-M4 in 150 bytes of code, by word.
 //!
-//! The compiler calls them for whatever it copies, clears or compares. Those that come with it take
-//! 3,500 bytes, because they align what they copy and unroll their loops; this processor reads and
-//! writes words at any address. An image that names this crate (`use memory_functions as _`) gets
-//! these, since those are weak symbols. On other processors the crate is empty.
+//! The compiler calls them for all that it copies, clears or compares. Those that come with it take 3,500 bytes,
+//! because they align what they copy and unroll their loops; this processor reads and writes words at any address.
+//! An image that names this crate (`use memory_functions as _`) gets these, since those are weak symbols. On other
+//! processors the crate is empty.
 //!
 //! Names and arguments: C standard, 7.24; Run-time ABI for the Arm Architecture, 4.3.4, whose variants
 //! for aligned blocks may assume so and need not. As there, no argument is a pointer to the registers of

@@ -1,6 +1,6 @@
-//! A CMUcam2 on an nRF52840 with Embassy, and nothing else of a node: the camera adapts to the light and
-//! learns the colour of what is in the middle of its view; then lamp 1 of the kit is lit while that is
-//! left of the middle, lamp 2 while it is right of it.
+//! A CMUcam2 on an nRF52840 with Embassy, and nothing else of a node: the camera adapts to the light and learns
+//! the colour in the middle of its view; then lamp 1 of the kit is lit while an object of that colour is left of
+//! the middle, lamp 2 while it is right of it.
 //!
 //! The camera's TX belongs to P1.01, its RX to P1.02, at 38,400 baud and 3.3 V.
 #![cfg_attr(target_os = "none", no_std, no_main)]
@@ -95,7 +95,7 @@ mod chip {
         camera.learn_and_track(Learn::default()).run().await?;
         loop {
             let tracking = match camera.next_tracking().run().await {
-                // A damaged line, perhaps. What is lost is one frame.
+                // A damaged line, perhaps. One frame is lost.
                 Err(Error::Camera(Fault::Garbage)) => continue,
                 tracking => tracking?,
             };

@@ -1,4 +1,4 @@
-//! Which pin is what. The defaults are those of the nRF52840-DK; another board changes this file.
+//! Use of each pin. The defaults are those of the nRF52840-DK; another board changes this file.
 
 use board_support::pins::{Lamps, PushButtons};
 use embassy_nrf::{
@@ -26,10 +26,10 @@ bind_interrupts!(struct Irqs {
 /// Half of it is free at least. An erasure of a page stops the processor for up to 85 ms (Product
 /// Specification, "NVMC"), in which 979 bytes come at 115,200 baud if the line is never idle.
 const UART_RECEIVE: usize = 2048;
-/// Longer than any command to a camera; what goes to a PC waits.
+/// Longer than any command to a camera; bytes to a PC wait.
 const UART_SEND: usize = 64;
 
-/// What the chip offers to a node.
+/// Parts of the chip that a node uses.
 pub(crate) struct Board {
     pub(crate) line: Line,
     pub(crate) lamps: Lamps<Output<'static>, false>,
@@ -57,7 +57,7 @@ pub(crate) struct Line {
 
 struct Wires {
     receive: Peri<'static, AnyPin>,
-    /// Of the same pin.
+    /// Configuration of the same pin.
     configuration: Reg<PinCnf, RW>,
     send: Peri<'static, AnyPin>,
 }
@@ -149,7 +149,7 @@ impl Line {
             RECEIVE.init([0; UART_RECEIVE]),
             SEND.init([0; UART_SEND]),
         );
-        // Without a camera or a PC the line would float, and what it picks up would be bytes.
+        // Without a camera or a PC the line would float, and its noise would be bytes.
         let configuration = wires.configuration;
         configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
         line

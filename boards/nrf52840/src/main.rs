@@ -1,4 +1,4 @@
-//! A node on an nRF52840. One image for all roles: what it is stands in its configuration page.
+//! A node on an nRF52840. One image for all roles: its role stands in its configuration page.
 //!
 //! | module | |
 //! |---|---|
@@ -9,7 +9,7 @@
 //! | `node` | the tasks; their start is `board_support::start` |
 //! | `radio` | the radio on the chip |
 //! | `sensor_bus` | the I2C bus of a target's step sensor |
-//! | `watchdog` | the watchdog, and why the chip last started |
+//! | `watchdog` | the watchdog, and the reason why the chip last started |
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 #![cfg_attr(

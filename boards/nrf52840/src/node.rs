@@ -1,4 +1,4 @@
-//! The tasks. What they do at their start is [`board_support::start`].
+//! The tasks. Their start is [`board_support::start`].
 
 use core::pin::pin;
 

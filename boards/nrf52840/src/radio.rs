@@ -1,12 +1,11 @@
 //! The radio on the chip, as [`zigbee_link::radio::Radio`].
 //!
-//! A task, [`drive`], owns it and receives whenever it does not send; [`OnChip`] asks the task.
-//! So a dropped future of [`OnChip`] loses no frame, and frames that arrive while nobody listens
-//! are queued. The hardware computes the FCS and makes one clear-channel assessment; backing off is
-//! left to `zigbee_link`'s wrapper, and who a frame is for to the link. There are no immediate
-//! acknowledgements.
-//! The radio takes one frame without the processor: what comes after it, before the task runs
-//! again, is lost as on the air.
+//! A task, [`drive`], owns it and receives whenever it does not send; [`OnChip`] asks the task. So a dropped
+//! future of [`OnChip`] loses no frame, and frames that arrive while no task receives are queued. The hardware
+//! computes the FCS and makes one clear-channel assessment; backing off is left to `zigbee_link`'s wrapper, and
+//! the addresses of a frame to the link. There are no immediate acknowledgements.
+//! The radio takes one frame without the processor: a frame that comes after it, before the task runs again, is
+//! lost as on the air.
 
 use board_support::{last_words::LastWords, retained::say_and_restart};
 use embassy_futures::select::{Either, select};
@@ -45,14 +44,14 @@ const TRANSMISSION_TIME: Duration = Duration::from_millis(500);
 /// allows (IEEE 802.15.4, "CCA"), in steps of 1 dB from -92 dBm (Product Specification, "RADIO").
 const BUSY_ENERGY: u8 = 17;
 
-/// A carrier is seen where the correlator exceeds this value more often than that: the threshold
-/// is that after a reset, and twice is what radio stacks of this chip take.
+/// A carrier is seen where the correlator exceeds this value more often than that: the threshold is that after a
+/// reset, and radio stacks of this chip take twice.
 const BUSY_CORRELATION: (u8, u8) = (45, 2);
 
-/// What [`OnChip`] and [`drive`] tell each other.
+/// Requests and answers between [`OnChip`] and [`drive`].
 pub(crate) struct Shared {
     requests: Queue<NoopRawMutex, Request, 1>,
-    /// The number of the request, and what became of it.
+    /// The number of the request, and its result.
     answer: Signal<NoopRawMutex, (u32, Result<TxOutcome, Error>)>,
     received: Queue<NoopRawMutex, Heard, QUEUE>,
 }
@@ -89,7 +88,7 @@ struct Heard {
     lqi: u8,
 }
 
-/// Why the radio does not work.
+/// Reason why the radio does not work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Error {
     /// There is no configuration: the first one is missing, or the last one was dropped.
@@ -153,7 +152,7 @@ impl Radio for OnChip {
 
     async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, Error> {
         let config = self.config.ok_or(Error::NotConfigured)?;
-        // The queue outlives a change of the channel: what was heard before is of another network.
+        // The queue outlives a change of the channel: frames heard before are of another network.
         let Heard {
             frame,
             channel,
@@ -295,7 +294,7 @@ impl Driver {
                     Either::First(Ok(())) => return None,
                     // A wrong FCS: as if nothing had come.
                     Either::First(Err(_)) => break,
-                    // What arrives would be lost, and to the assessment the channel is busy.
+                    // A frame that arrives would be lost, and to the assessment the channel is busy.
                     Either::Second(Request {
                         number,
                         kind: Kind::Transmit(_),
@@ -311,7 +310,7 @@ impl Driver {
 
     /// When the queue is full the frame is lost.
     fn deliver(&self) {
-        // Of a length that no frame has, the packet must not be looked into.
+        // A packet of a length that no frame has must not be looked into.
         let is_possible = usize::from(self.packet.len()) <= FRAME_MAX;
         if is_possible && let Some(frame) = Frame::new(&self.packet) {
             let _ = self.shared.received.try_send(Heard {
@@ -328,7 +327,7 @@ fn is_receiving() -> bool {
     pac::RADIO.events_framestart().read() != 0 && pac::RADIO.events_phyend().read() == 0
 }
 
-/// A frame is over that nobody has looked at, and its FCS is right.
+/// A frame is over that has not been looked at, and its FCS is right.
 fn has_received() -> bool {
     pac::RADIO.events_phyend().read() != 0
         && pac::RADIO.crcstatus().read().crcstatus() == Crcstatus::CrcOk

@@ -1,8 +1,7 @@
 //! The I2C bus of the step sensor.
 //!
-//! The peripheral is switched on for each transaction and off after it, however that ends: one that
-//! is given up, because the time is over or nobody waits for it any more, is stopped first, and must
-//! not go on writing to memory.
+//! The peripheral is switched on for each transaction and off after it, however that ends: one that is given up,
+//! because the time is over or its future is dropped, is stopped first, and must not go on writing to memory.
 
 use board_support::i2c::release;
 use embassy_futures::select::{Either, select};
@@ -84,7 +83,7 @@ impl I2c for SensorBus {
         config.frequency = Frequency::K250;
         config.sda_pullup = true;
         config.scl_pullup = true;
-        // For what a caller has in flash, which its memory access cannot reach.
+        // For bytes that a caller has in flash, which its memory access cannot reach.
         let mut copy = [0; 2];
         let mut twim = Twim::new(
             self.peripheral.reborrow(),
@@ -94,7 +93,7 @@ impl I2c for SensorBus {
             config,
             &mut copy,
         );
-        // Dropped before the driver is, also where nobody waits for the transaction any more.
+        // Dropped before the driver is, also where the future of the transaction is dropped.
         let mut ending = Ending {
             is_asked_for: false,
         };

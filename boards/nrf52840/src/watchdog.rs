@@ -1,4 +1,4 @@
-//! The watchdog, and why the chip last started.
+//! The watchdog, and the reason why the chip last started.
 
 use board_support::{
     heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start,
@@ -17,15 +17,15 @@ pub(crate) const RADIO: u32 = 1;
 /// Their reports.
 pub(crate) static HEARTBEATS: Heartbeats = Heartbeats::new(2);
 
-/// Watched tasks report every second; nothing they do takes as long as this.
+/// Watched tasks report every second; none of their work takes as long as this.
 const TIMEOUT_S: u32 = 8;
 const LFCLK_HZ: u32 = 32_768;
 
-/// Somebody looks at the node.
+/// A debugger has stopped the node.
 const HALTED: HaltConfig = HaltConfig::Pause;
 
-/// Starts the watchdog before anything is waited for: a crystal that does not start would be waited for
-/// without end. Its own clock runs from then on, whichever that is (Product Specification, "WDT").
+/// Starts the watchdog before anything is waited for: a crystal that does not start would be waited for without
+/// end. Its own clock runs from then on, from either oscillator (Product Specification, "WDT").
 pub(crate) fn start() {
     if WDT.runstatus().read().runstatus() {
         return;
@@ -39,14 +39,14 @@ pub(crate) fn start() {
     WDT.tasks_start().write_value(1);
 }
 
-/// What feeds it, once.
+/// Handle that feeds it, once.
 fn handle(watchdog: Peri<'static, peripherals::WDT>) -> Option<WatchdogHandle> {
     let mut config = Config::default();
     config.timeout_ticks = TIMEOUT_S * LFCLK_HZ;
     config.action_during_debug_halt = HALTED;
     let Ok((_, [handle])) = Watchdog::try_new(watchdog, config) else {
         // It runs with other settings, otherwise: another program before this one has started it.
-        defmt::error!("the watchdog is somebody else's");
+        defmt::error!("the watchdog was started by another program");
         return None;
     };
     Some(handle)
@@ -77,7 +77,7 @@ pub(crate) async fn feed_always(watchdog: Peri<'static, peripherals::WDT>) {
     }
 }
 
-/// Why the chip started, as far as it tells; then forgotten, or it would add up.
+/// Reason why the chip started, as far as it tells; then forgotten, or it would add up.
 pub(crate) fn reset_cause() -> &'static str {
     let cause = POWER.resetreas().read();
     POWER.resetreas().write_value(Resetreas(u32::MAX));

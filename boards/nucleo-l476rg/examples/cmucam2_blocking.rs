@@ -1,6 +1,6 @@
-//! A CMUcam2 on a NUCLEO-L476RG with a blocking HAL, and nothing else of a node: the camera adapts to the
-//! light and learns the colour of what is in the middle of its view; then the kit's lamp is lit while
-//! that is in view. The camera's own button has it learn anew.
+//! A CMUcam2 on a NUCLEO-L476RG with a blocking HAL, and nothing else of a node: the camera adapts to the light
+//! and learns the colour in the middle of its view; then the kit's lamp is lit while an object of that colour is
+//! in view. The camera's own button has it learn anew.
 //!
 //! The HAL's blocking UART can read a byte or say that there is none (`embedded-hal-nb`), and no more:
 //! [`Peek`] makes of it what the driver needs. Any other HAL of that kind will do.
@@ -58,7 +58,7 @@ mod chip {
 
     fn follow(camera: &mut Camera, lamp: &mut Output<'static>) -> Result<(), Error<SerialError>> {
         camera.start_up(StartUp::default()).wait()?;
-        // One packet for each that is asked for: nothing comes while nobody looks.
+        // One packet for each that is asked for: nothing comes while the program does not read.
         camera.set(Command::PollMode(true)).wait()?;
         camera.learn_and_track(Learn::default()).wait()?;
         loop {

@@ -1,4 +1,4 @@
-//! Which pin is what. The defaults are those of the NUCLEO-L476RG; another board changes this file.
+//! Use of each pin. The defaults are those of the NUCLEO-L476RG; another board changes this file.
 
 use board_support::pins::{Lamps, PushButtons};
 use embassy_stm32::{
@@ -21,11 +21,11 @@ use crate::{
     sensor_bus::SensorBus,
 };
 
-/// What `ot-rcp` has on most chips. Some are built for another rate, which their maker tells: 460,800
-/// is usual, too.
+/// Rate of `ot-rcp` on most chips. Some are built for another rate, which their maker tells: 460,800 is usual,
+/// too.
 const RADIO_BAUD: u32 = 115_200;
 
-/// Of the processor and its peripherals.
+/// Clock of the processor and its peripherals.
 pub(crate) const CLOCK_HZ: u32 = 48_000_000;
 
 bind_interrupts!(struct Irqs {
@@ -57,7 +57,7 @@ impl HasLine for peripherals::USART3 {
     }
 }
 
-/// What the chip offers to a node.
+/// Parts of the chip that a node uses.
 pub(crate) struct Board {
     pub(crate) lines: Lines,
     pub(crate) lamps: Lamps<Output<'static>, true>,

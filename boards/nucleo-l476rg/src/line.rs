@@ -1,7 +1,7 @@
 //! The UARTs, driven by interrupts.
 //!
-//! Not with `embassy-stm32`: its driver tells nobody of lost bytes, and a `write` that finds no room
-//! is never woken.
+//! Not with `embassy-stm32`: its driver does not report lost bytes, and a `write` that finds no room is never
+//! woken.
 //!
 //! Each direction has a ring of bytes. The processor takes each byte before the next one is
 //! complete, also while it writes to the flash: that is in another bank than the program. Only where
@@ -36,7 +36,7 @@ use crate::board::CLOCK_HZ;
 /// (data sheet, "Flash memory characteristics"), in which 288 bytes come at 115,200 baud if the line
 /// is never idle.
 const RECEIVE: usize = 1024;
-/// Longer than any command to a camera; what goes to a PC or to the radio waits.
+/// Longer than any command to a camera; bytes to a PC or to the radio wait.
 const SEND: usize = 64;
 
 /// A peripheral with its line. Each has one of its own.
@@ -107,7 +107,7 @@ impl Line {
         }
     }
 
-    /// What the interrupts hand over.
+    /// Hands the sending over to the interrupts.
     fn begin_to_send(&self) {
         critical_section::with(|_| {
             self.registers
@@ -124,23 +124,22 @@ impl Line {
         }
     }
 
-    /// Whether bytes were lost since the last time.
+    /// Returns true if bytes were lost since the last time.
     fn takes_loss(&self) -> bool {
         self.has_lost.swap(false, Ordering::Relaxed)
     }
 }
 
-/// A line as a UART. Dropping a `read` or `write` loses no byte that it had not returned. Lost bytes
-/// are told to people: what is on the line must have checksums.
+/// A line as a UART. Dropping a `read` or `write` loses no byte that it had not returned. Lost bytes are only
+/// logged: messages on the line must have checksums.
 pub(crate) struct Uart(&'static Line);
 
-/// A rate: by how much the clock of the UART is divided.
+/// A rate: the number by which the clock of the UART is divided.
 #[derive(Clone, Copy)]
 pub(crate) struct Divisor(u32);
 
 impl Divisor {
-    /// That of so many bits per second. Not possible while the program is compiled for a rate that a
-    /// UART cannot have.
+    /// The divisor for so many bits per second. Does not compile for a rate that a UART cannot have.
     pub(crate) const fn of(baud: u32) -> Self {
         let divisor = (CLOCK_HZ + baud / 2) / baud;
         // Reference manual RM0351, "USART baud rate generation".
@@ -159,7 +158,7 @@ impl Uart {
     ) -> Self {
         let line = T::line();
         enable_and_reset::<T>();
-        // A line with nobody at its other end is idle.
+        // A line that is open at its other end is idle.
         let (receives, sends) = (receive.af_num(), send.af_num());
         hand_over(Flex::new(receive), receives, AfType::input(Pull::Up));
         let output = AfType::output(OutputType::PushPull, Speed::Medium);

@@ -1,4 +1,4 @@
-//! A node on a NUCLEO-L476RG. One image for all roles: what it is stands in its configuration page.
+//! A node on a NUCLEO-L476RG. One image for all roles: its role stands in its configuration page.
 //!
 //! The chip has no radio: any `ot-rcp` on a UART is it.
 //!
@@ -10,7 +10,7 @@
 //! | `memory` | the flash |
 //! | `node` | the tasks; their start is `board_support::start` |
 //! | `sensor_bus` | the I2C bus of a target's step sensor |
-//! | `watchdog` | the watchdog, and why the chip last started |
+//! | `watchdog` | the watchdog, and the reason why the chip last started |
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 #![cfg_attr(

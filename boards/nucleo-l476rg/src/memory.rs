@@ -29,8 +29,8 @@ pub(crate) fn open(flash: Peri<'static, peripherals::FLASH>) -> flash::Flash<'st
     flash::Flash::new_blocking(flash)
 }
 
-/// Among others, what was read from the flash has two wrong bits. Where power was lost in the middle
-/// of a write this is no surprise, and the store knows what to make of such bytes.
+/// Among others, a word read from the flash has two wrong bits. Where power was lost in the middle of a write this
+/// is no surprise, and the store can handle such bytes.
 #[allow(unsafe_code, reason = "an exception")]
 #[exception]
 unsafe fn NonMaskableInt() {

@@ -1,4 +1,4 @@
-//! The watchdog, and why the chip last started.
+//! The watchdog, and the reason why the chip last started.
 
 use board_support::{
     heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start,
@@ -15,8 +15,7 @@ pub(crate) const NODE: u32 = 0;
 /// Its reports.
 pub(crate) static HEARTBEATS: Heartbeats = Heartbeats::new(1);
 
-/// Watched tasks report every second; nothing they do takes as long as this. Its clock errs by some
-/// percent.
+/// Watched tasks report every second; none of their work takes as long as this. Its clock errs by some percent.
 const TIMEOUT_US: u32 = 8_000_000;
 
 /// Feeds the watchdog as long as all tasks run, and radio and camera work.
@@ -25,7 +24,7 @@ pub(crate) async fn feed(
     watchdog: Peri<'static, peripherals::IWDG>,
     node: &'static node_firmware::liveness::Liveness,
 ) {
-    // Somebody looks at the node.
+    // A debugger has stopped the node.
     DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
     let mut watchdog = IndependentWatchdog::new(watchdog, TIMEOUT_US);
     watchdog.unleash();
@@ -33,7 +32,7 @@ pub(crate) async fn feed(
     say_and_restart(LastWords::restart(why));
 }
 
-/// Why the chip started, as far as it tells; then forgotten, or it would add up.
+/// Reason why the chip started, as far as it tells; then forgotten, or it would add up.
 pub(crate) fn reset_cause() -> &'static str {
     let cause = RCC.csr().read();
     RCC.csr().modify(|state| state.set_rmvf(true));

@@ -1,10 +1,10 @@
-//! Why a node cannot go on, in words.
+//! Reasons why a node cannot go on, in words.
 
 use flash_log::LogError;
 use node_firmware::run::Failure;
 use zigbee_link::{runner::RunnerError, store::StoreError};
 
-/// What failed. Not its `Display`, which brings the formatter along; a board has no room for that.
+/// Description of a failure. Not its `Display`, which brings the formatter along; a board has no room for that.
 pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {
     match failure {
         Failure::Link(RunnerError::Radio(_)) => "the radio failed",

@@ -1,10 +1,10 @@
-//! Which part of a board's flash is whose: for the image, for the linker's `memory.x`, and for the
-//! tools that write configuration pages.
+//! Owners of the parts of a board's flash: for the image, for the linker's `memory.x`, and for the tools that
+//! write configuration pages.
 
 use node_firmware::hardware::FlashLayout;
 
-/// What is the node's own in the flash of the nRF52840: its last nineteen pages of 4 KiB. `memory.x`
-/// keeps images out of them.
+/// The node's own part of the flash of the nRF52840: its last nineteen pages of 4 KiB. `memory.x` keeps images out
+/// of them.
 ///
 /// | address | bytes | what |
 /// |---|---|---|
@@ -21,8 +21,8 @@ pub const NRF52840: Regions = Regions {
     end: 0x0010_0000,
 };
 
-/// What is the node's own in the flash of the STM32L476RG: its last 37 pages of 2 KiB. The
-/// `memory.x` of the board keeps images out of them, and out of their bank.
+/// The node's own part of the flash of the STM32L476RG: its last 37 pages of 2 KiB. The `memory.x` of the board
+/// keeps images out of them, and out of their bank.
 ///
 /// | address | bytes | what |
 /// |---|---|---|
@@ -44,7 +44,7 @@ pub const STM32L476RG: Regions = Regions {
 pub struct Regions {
     /// The address at which the processor, and a programmer, see the start of the flash.
     pub start: u32,
-    /// What the node writes.
+    /// Part that the node writes.
     pub layout: FlashLayout,
     /// The configuration page.
     pub config: u32,

@@ -1,9 +1,8 @@
-//! Whether every task still runs.
+//! Check that every task still runs.
 //!
-//! Each task reports; whoever feeds the watchdog does so only when all have since the last time.
-//! What is proven is that a task is polled and comes back: an endless loop anywhere, or an
-//! executor that stands still, ends the feeding. Whether a task waits for something that never comes
-//! is what the node's own [`Liveness`](node_firmware::liveness::Liveness) tells.
+//! Each task reports; the watchdog is fed only when all have since the last time. This proves that a task is
+//! polled and comes back: an endless loop anywhere, or an executor that stands still, ends the feeding. The node's
+//! own [`Liveness`](node_firmware::liveness::Liveness) tells if a task waits for something that never comes.
 
 use core::{
     future::Future,
@@ -18,9 +17,9 @@ use zigbee_link::runner::Clock;
 
 use crate::clock::EmbassyClock;
 
-/// How often a watched task reports at least.
+/// Longest time between two reports of a watched task.
 const PERIOD: Duration = Duration::from_secs(1);
-/// How often it is looked whether all have. A watchdog waits longer.
+/// Interval at which it is looked if all have. A watchdog waits longer.
 const LOOK: Duration = Duration::from_secs(2);
 
 /// Reports of up to 32 tasks.
@@ -49,7 +48,7 @@ impl Heartbeats {
         self.reported.fetch_or(bit, Ordering::Relaxed);
     }
 
-    /// Whether all tasks have reported since this was last true.
+    /// Returns true if all tasks have reported since this was last true.
     pub fn all_reported(&self) -> bool {
         let all = self.reported.load(Ordering::Relaxed) & self.expected == self.expected;
         if all {
@@ -58,7 +57,7 @@ impl Heartbeats {
         all
     }
 
-    /// Feeds a watchdog as long as all tasks run, until radio or camera work no more: why.
+    /// Feeds a watchdog as long as all tasks run, until radio or camera work no more. Returns the reason.
     pub async fn feed(
         &self,
         node: &node_firmware::liveness::Liveness,

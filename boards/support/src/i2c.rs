@@ -8,10 +8,9 @@ const HALF_CLOCK: Duration = Duration::from_micros(50);
 /// Clocks until any byte and its acknowledgement are over.
 const CLOCKS: usize = 9;
 
-/// Clocks out what a sensor still wants to say, as long as it holds the data line. Then the clock
-/// stays high: another one might make the sensor say its next bit, and hold the line again. A start
-/// and a stop end whatever was going on (I2C-bus specification UM10204, "Bus clear", "START and STOP
-/// conditions").
+/// Clocks out the bits that a sensor still wants to say, as long as it holds the data line. Then the clock stays
+/// high: another one might make the sensor say its next bit, and hold the line again. A start and a stop end any
+/// transfer under way (I2C-bus specification UM10204, "Bus clear", "START and STOP conditions").
 ///
 /// Both pins are open drains, and high. The pins of a chip never fail.
 pub fn release(clock: &mut impl OutputPin, data: &mut (impl InputPin + OutputPin)) {
@@ -100,7 +99,7 @@ mod tests {
         }
     }
 
-    /// Whatever the rest of a byte is in which the node was reset.
+    /// With any rest of a byte in which the node was reset.
     #[test]
     fn a_held_bus_is_clocked_free_and_stopped() {
         for byte in 0..=u8::MAX {

@@ -1,4 +1,4 @@
-//! Why a node stopped, in memory that a reset leaves alone.
+//! Reason why a node stopped, in memory that a reset leaves alone.
 //!
 //! After power-on that memory holds anything; a checksum tells.
 
@@ -33,7 +33,7 @@ impl LastWords {
         check: 0,
     };
 
-    /// A panic: where, and what if that was told without formatting.
+    /// A panic: its place, and its message if that was told without formatting.
     pub fn panic(file: &str, line: u32, message: Option<&str>) -> Self {
         let mut words = Self::NONE;
         // The end of a path tells more than its beginning.
@@ -48,7 +48,7 @@ impl LastWords {
         words.sealed()
     }
 
-    /// Why the program restarts by itself.
+    /// Reason why the program restarts by itself.
     pub fn decision(reason: &str) -> Self {
         let mut words = Self::NONE;
         words.push(reason.as_bytes());
@@ -60,7 +60,7 @@ impl LastWords {
         Self::decision(words_of(why))
     }
 
-    /// Why the program restarts, if these are words of one that broke or decided so; `watchdog`: it was the
+    /// Reason why the program restarts, if these are words of one that broke or decided so; `watchdog`: it was the
     /// watchdog that restarted it.
     pub fn reason(&self, watchdog: bool) -> Restart {
         let own = [
@@ -101,7 +101,7 @@ impl LastWords {
         }
     }
 
-    // Not `core::fmt`: a node has no room for what it brings along.
+    // Not `core::fmt`: a node has no room for the code that it brings along.
 
     fn push_number(&mut self, number: u32) {
         let mut power = 1_000_000_000;

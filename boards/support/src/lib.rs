@@ -1,18 +1,18 @@
-//! What the boards of a node share.
+//! Parts that the boards of a node share.
 //!
 //! | module | |
 //! |---|---|
 //! | [`clock`] | time and delays from `embassy-time` |
-//! | [`flash`] | which part of a board's flash is whose |
+//! | [`flash`] | owners of the parts of a board's flash |
 //! | [`memory`] | the flash without long stops, and the configuration in it |
-//! | [`heartbeats`] | whether every task still runs, for a watchdog |
-//! | [`failure`] | why a node cannot go on, in words |
-//! | [`last_words`] | why a node stopped, kept over its reset |
+//! | [`heartbeats`] | check that every task still runs, for a watchdog |
+//! | [`failure`] | reasons why a node cannot go on, in words |
+//! | [`last_words`] | reason why a node stopped, kept over its reset |
 //! | [`pins`] | lamps and buttons |
 //! | [`i2c`] | a bus that a sensor holds |
-//! | `retained` | where last words are kept, and who says them; on a board only |
-//! | `start` | the start of a real board, and why its node stopped; on a board only |
-//! | `tasks` | how tasks are spawned; on a board only |
+//! | `retained` | place where last words are kept, and their writers; on a board only |
+//! | `start` | the start of a real board, and the reason why its node stopped; on a board only |
+//! | `tasks` | spawning of tasks; on a board only |
 #![no_std]
 #![deny(unsafe_code)]
 #![cfg_attr(
@@ -28,7 +28,7 @@
 #[cfg(test)]
 extern crate std;
 
-// What every image copies with.
+// Functions with which every image copies.
 #[cfg(target_os = "none")]
 use memory_functions as _;
 

@@ -1,4 +1,4 @@
-//! The flash of a board without long stops, and the configuration in it. Which page is what is in
+//! The flash of a board without long stops, and the configuration in it. The uses of the pages are in
 //! [`flash`](crate::flash).
 
 use embassy_futures::yield_now;
@@ -14,9 +14,9 @@ const LOOK: usize = 64;
 
 /// A flash whose driver waits for it. After each page the other tasks run.
 ///
-/// A page that reads as erased is not erased again: on new flash, logs would be begun by a second or two
-/// in which nobody reads the UART. An erasure that power ended in its last moments may leave such a page
-/// too; what rots in it is found by the checksums of the records.
+/// A page that reads as erased is not erased again: on new flash, logs would begin with a second or two in which
+/// the UART is not read. An erasure that power ended in its last moments may leave such a page too; bits that rot
+/// in it are found by the checksums of the records.
 #[derive(Debug)]
 pub struct Paged<F>(pub F);
 
@@ -43,7 +43,7 @@ impl<F: nor_flash::NorFlash> NorFlash for Paged<F> {
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
         let mut page = from;
         loop {
-            // The driver refuses a part of a page, and what ends before it starts.
+            // The driver refuses a part of a page, and a range that ends before it starts.
             let next = page.saturating_add(F::ERASE_SIZE as u32).min(to);
             if !is_blank(&mut self.0, page, next) {
                 self.0.erase(page, next)?;
@@ -61,14 +61,14 @@ impl<F: nor_flash::NorFlash> NorFlash for Paged<F> {
     }
 }
 
-/// Whether this is one whole page, and erased.
+/// Returns true if this is one whole page, and erased.
 fn is_blank<F: nor_flash::NorFlash>(flash: &mut F, from: u32, to: u32) -> bool {
     let size = F::ERASE_SIZE as u32;
     if to.checked_sub(from) != Some(size) || !from.is_multiple_of(size) {
         return false;
     }
     let mut bytes = [0; LOOK];
-    // What cannot be read is for the driver to refuse.
+    // A page that cannot be read is for the driver to refuse.
     (from..to)
         .step_by(LOOK)
         .all(|at| flash.read(at, &mut bytes).is_ok() && bytes.iter().all(|&byte| byte == 0xff))
@@ -102,7 +102,7 @@ mod tests {
 
     use super::*;
 
-    /// 16 pages of 2 KiB: the one byte that is not erased in each that is used, and what was erased.
+    /// 16 pages of 2 KiB: the one byte that is not erased in each that is used, and the erased ranges.
     #[derive(Default)]
     struct Chip {
         used: Vec<u32>,
@@ -144,7 +144,7 @@ mod tests {
         }
     }
 
-    /// What was erased, how often others could run meanwhile, and the result, where every page is used.
+    /// Erased ranges, number of times that others could run meanwhile, and the result, where every page is used.
     fn erased(from: u32, to: u32) -> (Vec<(u32, u32)>, usize, Result<(), NorFlashErrorKind>) {
         erased_of((0..16).map(|page| page * 2048), from, to)
     }
@@ -188,7 +188,7 @@ mod tests {
             let (pages, _, result) = erased_of([at, 8192].into_iter(), 0, 8192);
             assert_eq!((pages, result), (vec![(4096, 6144)], Ok(())), "{at}");
         }
-        // What is no whole page is for the driver to refuse.
+        // A range that is no whole page is for the driver to refuse.
         let unaligned = Err(NorFlashErrorKind::NotAligned);
         assert_eq!(erased_of([].into_iter(), 8, 2056).2, unaligned);
     }

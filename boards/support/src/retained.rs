@@ -1,4 +1,4 @@
-//! What was said before a reset.
+//! Words from before a reset.
 #![allow(
     unsafe_code,
     reason = "memory outside the language, and a trampoline of an exception"
@@ -20,11 +20,11 @@ unsafe impl Sync for Retained {}
 #[unsafe(link_section = ".uninit.last_words")]
 static RETAINED: Retained = Retained(UnsafeCell::new(LastWords::NONE));
 
-/// What was said before the reset, if anything. Once.
+/// Words from before the reset, if any. Once.
 pub fn take() -> LastWords {
     interrupt::free(|_| {
         let mut words = LastWords::NONE;
-        // SAFETY: nobody else touches it meanwhile.
+        // SAFETY: nothing else touches it meanwhile.
         unsafe {
             copy(RETAINED.0.get(), &raw mut words);
             copy(&LastWords::NONE, RETAINED.0.get());
@@ -36,7 +36,7 @@ pub fn take() -> LastWords {
 /// Copies words byte by byte: volatile as a whole, each byte would be an instruction of its own.
 ///
 /// # Safety
-/// Both places are there, and nobody else touches them meanwhile.
+/// Both places are there, and nothing else touches them meanwhile.
 unsafe fn copy(from: *const LastWords, to: *mut LastWords) {
     for at in 0..size_of::<LastWords>() {
         // SAFETY: within both places, and any bits are a value. Volatile, because the value is not
@@ -48,15 +48,15 @@ unsafe fn copy(from: *const LastWords, to: *mut LastWords) {
     }
 }
 
-/// What the next restart is for, which is told after it.
+/// Notes the reason for the next restart, which is told after it.
 pub fn say(words: LastWords) {
     interrupt::free(|_| {
-        // SAFETY: nobody else touches it meanwhile.
+        // SAFETY: nothing else touches it meanwhile.
         unsafe { copy(&raw const words, RETAINED.0.get()) };
     });
 }
 
-/// Restarts the chip. What this was for is told after that.
+/// Restarts the chip. The reason is told after that.
 pub fn say_and_restart(words: LastWords) -> ! {
     interrupt::disable();
     say(words);

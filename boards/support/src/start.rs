@@ -18,18 +18,18 @@ use crate::{
     memory::read_config, retained,
 };
 
-/// What [`begin`] makes.
+/// Parts that [`begin`] makes.
 pub type Begun<B> = (
     &'static CheckedConfig,
     InertialSteps<B, EmbassyClock>,
     &'static Liveness,
 );
 
-/// The cause of a start that is the watchdog.
+/// The watchdog as the cause of a start.
 pub const WATCHDOG: &str = "watchdog";
 
-/// Tells why the board started, and what was said before that; then what the node is told to be, and
-/// the step sensor on a bus, if there is one, and where radio and camera report. Once.
+/// Logs why the board started, and the words from before that. Returns the node's configuration, the step sensor
+/// on a bus, if there is one, and the place where radio and camera report. Once.
 ///
 /// # Errors
 /// There is no configuration: [`stop`].
@@ -65,8 +65,8 @@ pub async fn stop(error: PageError) -> ! {
     }
 }
 
-/// Tells why the node cannot go on, now and after the restart. Nothing reports any more then: the watchdog
-/// restarts it.
+/// Logs why the node cannot go on, now and after the restart. Nothing reports any more then: the watchdog restarts
+/// it.
 pub fn tell_failure<R, F>(failure: &Failure<R, F>) {
     let why = match failure {
         Failure::Link(RunnerError::Radio(_)) => Restart::RadioStuck,

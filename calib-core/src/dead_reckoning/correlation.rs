@@ -9,13 +9,13 @@ use crate::{
     resection::information::{self, Row},
 };
 
-/// The same pose with the covariance it has when the stops err as their places say: together.
+/// The same pose with the covariance that it has when the stops err together, as their places say.
 ///
 /// `pose` is the weighted least squares answer to the sightings, one of each stop;
-/// `target_covariance` of each is what it was weighted by, and counts for nothing else here. With
-/// `G_i` the pose's response to the place of stop `i`, `C_ii` from [`Place::covariance`] and `C_ij`
-/// from [`Place::covariance_with`], the result is `sum G_i C_ij G_j^T`, plus what the bearings' own
-/// errors make: the usual propagation of covariance through a linearised estimator. Exact to first
+/// `target_covariance` of each is its weight there, and counts for nothing else here. With `G_i` the pose's
+/// response to the place of stop `i`, `C_ii` from [`Place::covariance`] and `C_ij` from
+/// [`Place::covariance_with`], the result is `sum G_i C_ij G_j^T`, plus the part of the bearings' own errors:
+/// the usual propagation of covariance through a linearised estimator. Exact to first
 /// order, whatever the weights.
 ///
 /// Stops may come in any order, from several fixes, and of several walks: `is_one_walk` tells
@@ -39,8 +39,8 @@ pub fn correlate<T: Real>(
     }
     let inverse = information::covariance(seen.iter().map(|(sighting, _)| row(pose, sighting)))?;
 
-    // In units of the bearings: `G_i = H^-1 g_i w_i s_i^T` with `H^-1` the `inverse`, so all that
-    // two stops add is one number times `g_i g_j^T`.
+    // In units of the bearings: `G_i = H^-1 g_i w_i s_i^T` with `H^-1` the `inverse`. So two stops add one
+    // number times `g_i g_j^T`.
     let mut spread = Matrix3::zeros();
     for (i, (sighting, place)) in seen.iter().enumerate() {
         let a = row(pose, sighting);
@@ -86,7 +86,7 @@ fn row<T: Real>(pose: &Pose<T>, sighting: &Sighting<T>) -> Row<T> {
     Row::new(sighting, sighting.target - pose.position)
 }
 
-/// Adds what two bearings whose errors have this covariance do to the right sides.
+/// Adds the contribution of two bearings whose errors have this covariance to the right sides.
 fn add<T: Real>(spread: &mut Matrix3<T>, a: &Row<T>, b: &Row<T>, covariance: T) {
     let weight = a.weight * b.weight * covariance;
     add_outer_of_two(
@@ -97,8 +97,8 @@ fn add<T: Real>(spread: &mut Matrix3<T>, a: &Row<T>, b: &Row<T>, covariance: T) 
     );
 }
 
-/// What the errors of two targets' places add to the product of their bearings' errors. Moving a
-/// target changes its bearing by just the opposite of moving the camera.
+/// Contribution of the errors of two targets' places to the product of their bearings' errors. A movement of
+/// a target changes its bearing by just the opposite of the same movement of the camera.
 fn joint<T: Real>(a: &Row<T>, covariance: &Matrix2<T>, b: &Row<T>) -> T {
     a.slope.xy().dot(&(covariance * b.slope.xy()))
 }

@@ -1,7 +1,7 @@
 //! Where is the target after some more steps, and how sure is that?
 //!
 //! A [`Track`] adds [`Step`]s to a place (thesis 2.1, 2.2: "the size and heading of each step") and
-//! keeps the covariance of the result, including what the errors of different stops have in common.
+//! keeps the covariance of the result, including the common errors of different stops.
 //! Steps come from whatever counts them: sensors worn by a person (the crate `pedestrian`), a step
 //! counter of another make, a robot's odometry.
 //!
@@ -11,7 +11,7 @@
 //! [`Place`] of a stop, which goes to the cameras in a message.
 //!
 //! All stops of one walk inherit the errors made before them. So for a resection from several:
-//! 1. Weight each sighting by what its place does not share with the *first* of the stops
+//! 1. Weight each sighting by the part of its place's error that it does not share with the *first* stop
 //!    ([`Place::own_covariance`] for
 //!    [`Sighting::target_covariance`](crate::Sighting::target_covariance)). It is positive
 //!    semi-definite whatever the walk.
@@ -19,12 +19,12 @@
 //!    weights to the pose's covariance, exact to first order, for the price of keeping the places
 //!    and `n^2` small products.
 //!
-//! Step 2 is what makes the covariance fair. To add the covariance at the first stop to the pose's
-//! instead is simpler and nearly right for few stops. But the walks between the stops are not
-//! independent; and a heading bias or a length scale turns or stretches the whole figure of the
-//! stops, and with it the camera's pose, however many stops there are. Over random stops in a 60
-//! degree view, with step errors that outweigh the bearings', the mean squared error in units of
-//! the covariance so predicted (NEES, 3 when fair, as that of `correlate` is in all of these) is
+//! Step 2 is what makes the covariance fair. It is simpler to add the covariance at the first stop to the
+//! pose's instead, and nearly right for few stops. But the walks between the stops are not independent; and a
+//! heading bias or a length scale turns or stretches the whole figure of the stops, and with it the camera's
+//! pose, however many stops there are. The table is for random stops in a 60 degree view, with step errors
+//! that outweigh the bearings'. It gives the mean squared error in units of the covariance so predicted
+//! (NEES; a fair one is 3, as that of `correlate` is in all of these):
 //!
 //! | stops | random step errors only | with as much systematic error |
 //! |---|---|---|

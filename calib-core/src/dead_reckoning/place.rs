@@ -14,8 +14,8 @@ use crate::{
 pub struct PlaceParts<T: Real> {
     /// Where the target is.
     pub position: Point2<T>,
-    /// Which fix of the walk this place was reckoned from. Places with the same number share the
-    /// error of that fix.
+    /// Number of the fix of the walk from which this place was reckoned. Places with the same number share
+    /// the error of that fix.
     pub fix: u32,
     /// Covariance of that fix: `xx, xy, yy`.
     pub fix_covariance: [T; 3],
@@ -25,8 +25,8 @@ pub struct PlaceParts<T: Real> {
     pub walked: Vector2<T>,
     /// The errors that all steps share, before and after the fix.
     pub systematic: Systematic<T>,
-    /// Standard deviation, in x as in y, of how far the carrier stands from where he reckons to
-    /// stand. Own to each stop: it does not accumulate.
+    /// Standard deviation, in x as in y, of the carrier's true place about the reckoned one. Own to each
+    /// stop: it does not accumulate.
     pub standing_sigma: T,
 }
 
@@ -137,9 +137,9 @@ impl<T: Real> Place<T> {
         symmetric(&earlier.fix_covariance) + symmetric(&earlier.step_covariance) + systematic
     }
 
-    /// The part of this place's covariance that it does not share with `first`: what the walk
-    /// between the two and the standing at this one make. All of it if a fix came in between, or if
-    /// one walk cannot have made both.
+    /// The part of this place's covariance that it does not share with `first`: that of the walk between the
+    /// two and of the standing at this one. All of it if a fix came in between, or if one walk cannot have
+    /// made both.
     ///
     /// Meant for [`Sighting::target_covariance`](crate::Sighting::target_covariance), see the
     /// [module](crate::dead_reckoning#from-stops-to-a-cameras-pose).
@@ -171,14 +171,14 @@ fn in_order<'a, T: Real>(
     }
 }
 
-/// What the steps between two places add, if both are of one fix. A walk that was begun anew may
-/// number its fixes as another one did: that two places are not of one walk can be seen where
-/// neither is less certain than the other in every direction, for steps add up.
+/// Covariance that the steps between two places add, if both are of one fix. A walk that was begun anew may
+/// number its fixes as another one did. Two places are not of one walk where neither is less certain than the
+/// other in every direction, for steps add up.
 fn steps_between<T: Real>(a: &PlaceParts<T>, b: &PlaceParts<T>) -> Option<Matrix2<T>> {
     let (earlier, later) = in_order(a, b);
     let later = symmetric(&later.step_covariance);
     let between = later - symmetric(&earlier.step_covariance);
-    // What many small steps may lose to rounding.
+    // The loss by rounding over many small steps.
     let rounding = later.trace() * lit(1e-4);
     let [xx, yy] = [between.m11, between.m22].map(|v| v + rounding);
     let added = xx >= T::zero() && yy >= T::zero() && xx * yy >= between.m12 * between.m12;

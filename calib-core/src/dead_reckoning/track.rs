@@ -12,14 +12,14 @@ use crate::{
 
 /// One step: `P e^{j theta}` (thesis 2.6.1), with errors that no other step shares.
 ///
-/// What all steps share belongs to [`Systematic`].
+/// Errors that all steps share belong to [`Systematic`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Step<T> {
-    /// How far, in the unit of the world, zero or above.
+    /// Length, in the unit of the world, zero or above.
     pub distance: T,
-    /// Which way, radians counter-clockwise from the world's x axis; any finite value.
+    /// Direction, radians counter-clockwise from the world's x axis; any finite value.
     pub heading: T,
     /// Standard deviation of the distance, zero or above.
     pub distance_sigma: T,
@@ -64,8 +64,8 @@ impl<T: Real> Step<T> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Systematic<T> {
     /// Standard deviation of the constant part of the heading error, radians: declination,
-    /// misalignment of the sensor on the body, what is left of hard iron. Default 0.05 (3 degrees),
-    /// about what a sensor strapped on by eye and a calibrated compass leave.
+    /// misalignment of the sensor on the body, the rest of hard iron. Default 0.05 (3 degrees), about as much
+    /// as a sensor strapped on by eye and a calibrated compass leave.
     pub heading_sigma: T,
     /// Standard deviation of the constant relative error of step lengths. Default 0.08: a step
     /// length model that was not calibrated for the person. About 0.03 after a walk of known length,
@@ -187,7 +187,7 @@ pub struct Track<T: Real> {
     since_fix: Odometer<T>,
 }
 
-/// Why a step, a fix or a place was not taken. A track is as it was before.
+/// Reason why a step, a fix or a place was not taken. A track is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -359,7 +359,7 @@ impl<T: Real> Track<T> {
     }
 
     /// The way from an earlier copy of this track to here, by the steps alone. None if the target
-    /// was found in between: what was walked before a fix is forgotten with it.
+    /// was found in between: a fix makes it forget the way before.
     pub fn since(&self, earlier: &Self) -> Option<Displacement<T>> {
         if self.fixes != earlier.fixes {
             return None;

@@ -1,4 +1,4 @@
-//! Which cameras take part.
+//! Admission: the cameras that take part.
 //!
 //! A camera seen once or twice is a ring, not a Gaussian: its bearings wait, raw, until there are
 //! enough for a closed form. From four on they must agree with each other (consensus of three:
@@ -17,16 +17,16 @@ use crate::{
 const MOST: usize = 16;
 /// Bearings off the consensus by more sigmas do not belong to it.
 const GATE: f64 = 4.0;
-/// So many times less certain than the limits allow a pose may be of which the camera's bearings are the only
-/// ones: to these a place is as uncertain as the leg that led there, and what others saw there is left out.
-/// What all bearings give together has to be within the limits.
+/// A pose that rests on the camera's bearings alone may be so many times less certain than the limits allow:
+/// for these a place is as uncertain as the leg that led there, and sightings of it by other cameras are left
+/// out. The pose from all bearings together has to be within the limits.
 const ADMITTED: f64 = 4.0;
-/// Different bearings that a camera has, at least, that stands for one that was moved.
+/// Least number of different bearings of a camera that stands for one that was moved.
 const DIFFERENT: usize = 3;
 
 impl<T: Real> Problem<'_, T> {
-    /// The next camera, from one on, that waits, has `least` bearings or more, and others than when
-    /// it was last looked at.
+    /// The next waiting camera, from one on, with `least` bearings or more, and with others than when it was
+    /// last looked at.
     pub(super) fn next_waiting(&self, from: usize, least: usize) -> Option<usize> {
         (from..self.cameras.len()).find(|&camera| {
             let bearings = self.counting(camera);
@@ -42,8 +42,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Whether a camera repeats itself, as one does that is stuck. What stands for a camera that was
-    /// moved may begin with one or two bearings that were still good.
+    /// Returns true if a camera repeats itself, as a stuck one does. A camera that stands for a moved one may
+    /// begin with one or two bearings that were still good.
     fn repeats_itself(&self, camera: usize) -> bool {
         let least = if self.is_successor(camera) {
             DIFFERENT
@@ -63,7 +63,7 @@ impl<T: Real> Problem<'_, T> {
         count < least
     }
 
-    /// Takes in a camera if its bearings give a pose within the limits. Whether they do.
+    /// Takes in a camera if its bearings give a pose within the limits. Returns true if it was taken in.
     #[inline(never)] // for less flash
     pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
         let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
@@ -98,10 +98,10 @@ impl<T: Real> Problem<'_, T> {
         true
     }
 
-    /// Puts every camera that no longer is what it was let in for back among those that wait: its
-    /// target is behind it, or it is less certain than the limits allow. How many these were.
+    /// Puts a camera back among those that wait when it no longer is what it was let in for: its target is
+    /// behind it, or it is less certain than the limits allow. Returns the number of these cameras.
     pub(super) fn evict(&mut self, limits: &Limits<T>) -> usize {
-        // Covariances are of all of them: first who, then out.
+        // Covariances are of all of them: first all are judged, then the bad ones leave.
         for camera in REFERENCES..self.cameras.len() {
             let stays = !self.is_estimated(camera)
                 || (self.is_in_front(camera)
@@ -148,8 +148,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The pose that a camera's bearings give from the places as they are thought to be. Those that
-    /// do not agree are excluded.
+    /// The pose that a camera's bearings give from the estimated places. Those that do not agree are
+    /// excluded.
     #[inline(never)] // for less stack
     fn resect(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         let nothing = Sighting::new(

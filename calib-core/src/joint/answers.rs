@@ -1,4 +1,4 @@
-//! What a solve says, with covariances.
+//! Answers of a solve, with covariances.
 
 use nalgebra::{Matrix2, Point2, SMatrix};
 
@@ -13,11 +13,11 @@ use crate::{
     numerics::real::{lit, root},
 };
 
-/// Sigmas of belief and estimate together beyond which a lens is not what it was said to be.
+/// Sigmas of belief and estimate together beyond which a lens is not the stated one.
 const WRONG_LENS: f64 = 4.0;
 
 impl<T: Real> Problem<'_, T> {
-    /// Where a camera stands and looks.
+    /// Pose of a camera.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for one that waits; [`Refusal::Undetermined`].
@@ -38,7 +38,7 @@ impl<T: Real> Problem<'_, T> {
         Ok(pose)
     }
 
-    /// What a camera's lens is.
+    /// Lens of a camera.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated;
@@ -54,7 +54,7 @@ impl<T: Real> Problem<'_, T> {
         let block = self.block(camera)?;
         let variance = { block.get(place) }.and_then(|row| row.get(place).copied());
         let variance = variance.ok_or(Refusal::Undetermined)?;
-        // What the bearings alone say differs from the prior by this much; nothing if they say nothing.
+        // By so much the result of the bearings alone differs from the prior; nothing if they say nothing.
         let told = prior * prior - variance;
         let is_told = told > prior * prior * lit(UNCHECKED);
         Ok(Lens {
@@ -68,7 +68,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Where a stop is.
+    /// Place of a stop.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] where there is no such stop; [`Refusal::Undetermined`].
@@ -111,7 +111,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Covariances are there.
+    /// Makes covariances ready.
     pub(super) fn tell(&mut self) -> Result<(), Refusal> {
         self.find_covariances().ok_or(Refusal::Undetermined)
     }
@@ -154,8 +154,8 @@ impl<T: Real> Problem<'_, T> {
 }
 
 impl<T: Real> Lens<T> {
-    /// Whether it is so far off what was believed that it is another lens, or another projection:
-    /// more than four sigmas.
+    /// Returns true if it is so far off the prior that it is another lens, or another projection: more than
+    /// four sigmas.
     pub fn is_wrong(&self) -> bool {
         !(self.off.abs() <= lit(WRONG_LENS))
     }

@@ -1,9 +1,9 @@
-//! Covariances of cameras and of what is measured, from that of what is kept.
+//! Covariances of cameras and of measurements, from that of the kept unknowns.
 //!
-//! A camera's step is `R^-1 (z - Q^T J dx)`: its own part, which the rows say if places are known, and what
-//! places move it. So with the covariance `D` of places its own is `R^-1 N R^-T`, `N = 1 + Q^T J D J^T Q`, and
-//! that of a row foretold `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums over pairs of its sights give all of
-//! these; no pass is needed.
+//! The step of a camera is `R^-1 (z - Q^T J dx)`: its own part, which the rows give for known places, and the
+//! part by which places move it. So with the covariance `D` of places its own is `R^-1 N R^-T`,
+//! `N = 1 + Q^T J D J^T Q`, and that of a predicted row `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums over
+//! pairs of its sights give all of these; no pass is needed.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
@@ -17,7 +17,7 @@ use crate::{Real, numerics::real::lit};
 /// A symmetric matrix of a camera's block.
 pub(super) type Block<T> = [[T; BLOCK]; BLOCK];
 
-/// Of a test of a camera's last sights less is left of one that the others explain: it tells nothing.
+/// Where the other sights of a test explain a sight up to less than this share, it tells nothing.
 const EXPLAINED: f64 = 1e-3;
 
 /// `J D J'^T` of two sights.
@@ -35,7 +35,7 @@ fn at_place<T: Real>(sight: &Sight<T>, line: &Line<'_, T>) -> (u16, Vector2<T>) 
     (sight.stop, line.by_place)
 }
 
-/// Vectors of this length, one behind the other. Of no length there are none that count.
+/// Vectors of this length, one behind the other. Those of length zero do not count: there are none.
 fn each<T>(numbers: &[T], length: usize) -> core::slice::ChunksExact<'_, T> {
     numbers.chunks_exact(length.max(1))
 }
@@ -156,8 +156,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The variance of what the estimates say of a sight, in units of its own. `None` for one that counts but
-    /// was not there when covariances were found.
+    /// The variance that the estimates predict for a sight, in units of its own. `None` for one that counts
+    /// but was not there when covariances were found.
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
         let sight = *self.sights.get(n)?;
         let camera = usize::from(sight.camera);
@@ -205,7 +205,7 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// By how much each measurement moves a camera if it is wrong by its sigma: calls `tell` with the movement of
+    /// Movement of a camera by each measurement that is wrong by its sigma. Calls `tell` with the movement of
     /// its unknowns, for every sight that counts, then for every leg, each of its two directions, with the
     /// share of the error that shows.
     #[inline(never)] // for less flash
@@ -308,8 +308,9 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// By how much chi squared falls if the last sights of a camera are left out, for each stop from which on they
-    /// may be: calls `tell` with the sights so far, by descending stop, and that. As far as there is room.
+    /// Fall of chi squared if the last sights of a camera are left out, for each stop that they may begin at.
+    /// Calls `tell` with the number of sights so far, by descending stop, and that fall. As far as there is
+    /// room.
     #[inline(never)] // for less flash
     pub(super) fn tails(
         &mut self,
@@ -386,7 +387,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The same with a solver of the caller's.
+    /// The same with the caller's solver.
     fn whole_tails(&mut self, camera: usize, tell: &mut dyn FnMut(&Self, usize, T)) -> Option<()> {
         let inner = self.whole_inner(camera)?;
         let axes = self.axes(camera);

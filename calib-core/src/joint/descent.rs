@@ -24,7 +24,7 @@ const ROUNDING: f64 = 1e-4;
 pub(super) const WITNESSED: usize = 4;
 /// Bearings that make a pose, and say nothing about anything else.
 pub(super) const ENOUGH: usize = 3;
-/// A camera that takes part is put out when its sigmas are so many times those it was let in with.
+/// A camera that takes part is put out when its sigmas exceed those that it was let in with by this factor.
 const HYSTERESIS: f64 = 2.0;
 /// Rounds of letting cameras in and settling.
 const ROUNDS: u8 = 16;
@@ -49,13 +49,13 @@ impl<T> Descent<T> {
     }
 }
 
-/// A solve under way: cameras are let in and put out until nobody comes or goes.
+/// A solve under way: cameras are let in and put out until none comes or goes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Settling<T> {
-    /// Bearings that a camera has, at least, to be let in.
+    /// Least number of bearings of a camera that is let in.
     least: usize,
     round: u8,
-    /// Somebody came or went in this round.
+    /// A camera came or went in this round.
     changed: bool,
     passes: usize,
     /// Chi squared after the last descent that came to its end.
@@ -73,7 +73,7 @@ enum Doing<T> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Lets in what cameras it can, and settles; then those with exactly three bearings.
+    /// Lets in all cameras that it can, and settles; then those with exactly three bearings.
     pub(super) fn begin_settling(&mut self) -> Settling<T> {
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;
@@ -96,7 +96,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// One camera, one pass or one measurement; how it went once all is done.
+    /// One camera, one pass or one measurement; the result once all is done.
     pub(super) fn step_settling(
         &mut self,
         settling: &mut Settling<T>,
@@ -111,7 +111,7 @@ impl<T: Real> Problem<'_, T> {
                     settling.doing = Doing::Admitting(camera + 1);
                     return None;
                 }
-                // Those with three bearings change nothing if there are none.
+                // The cameras with three bearings change nothing if there are none.
                 if settling.least == ENOUGH && !settling.changed && settling.round == 0 {
                     return self.end_round(settling);
                 }
@@ -155,7 +155,7 @@ impl<T: Real> Problem<'_, T> {
                 settling.doing = Doing::Readmitting(0);
                 None
             }
-            // Of those that came last the one that fits worst is to blame.
+            // Among the cameras that came last the one that fits worst is to blame.
             Err(_) if self.cameras.iter().any(|camera| camera.is_new) => {
                 self.dismiss_worst();
                 self.next_round(settling)
@@ -286,7 +286,7 @@ impl<T: Real> Problem<'_, T> {
         if descent.passes < PASS_LIMIT && descent.halvings <= HALVINGS {
             return None;
         }
-        // Back to the best; whoever looks for what contradicts finds the residuals there.
+        // Back to the best; the search for contradictions finds the residuals there.
         self.go(-T::one());
         self.common.told = Told::Equations;
         failed

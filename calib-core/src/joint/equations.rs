@@ -1,15 +1,16 @@
-//! One pass: the measurements around the present estimates, as normal equations of what is kept.
+//! One pass: the measurements around the present estimates, as normal equations of the kept unknowns.
 //!
 //! No measurement ties two cameras to each other, so each camera's block of unknowns is eliminated by itself.
-//! Its rows `[j | J]`, of its own unknowns and of places, are rotated into a small triangle `R`; with
-//! `q = R^-T j` the rows' part that the camera does not explain is `(1 - Q Q^T) J`, and its square what the
+//! Its rows `[j | J]`, of its own unknowns and of places, are rotated into a small triangle `R`. With
+//! `q = R^-T j` the rows' part that the camera does not explain is `(1 - Q Q^T) J`; its square is what the
 //! camera tells about places. In these products nothing large cancels: the camera's own square is never
-//! formed. What is kept is as large as the walk, not as the network.
+//! formed. The kept part is as large as the walk, not as the network.
 //!
-//! Legs are not rows of these equations: they are their unknowns. Instead of the place of a stop, by how much
-//! the leg to it errs is solved for, in its sigmas: `y = P (step of the place - step of the one before) + B
-//! (step of the carrier)`. What a leg says is then the identity, however much more it knows than the cameras
-//! do, and single precision loses nothing of what these add to it. Places come back by adding up.
+//! Legs are not rows of these equations: they are their unknowns. The unknown is not the place of a stop but
+//! the error of the leg to it, in its sigmas:
+//! `y = P (step of the place - step of the one before) + B (step of the carrier)`. The
+//! information of a leg is then the identity, however much more it knows than the cameras do, and single
+//! precision loses nothing of what these add to it. Places come back by adding up.
 
 use nalgebra::Vector2;
 
@@ -23,9 +24,9 @@ use crate::{Real, numerics::real::lit};
 
 /// Numbers of a sight's line beside its part of the camera's block.
 const LINE: usize = 3;
-/// A direction that is not determined moves what it moves by more than this share of what it moves most.
+/// A direction that is not determined moves an unknown by more than this share of its largest movement.
 const MOVES: f64 = 1e-3;
-/// A sight of which a camera explains more than this share is one that nearly it alone tells.
+/// A camera that explains more than this share of a sight is nearly the only one to tell it.
 const DOMINANT: f64 = 0.99;
 /// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
 const TAIL: usize = 32;
@@ -35,7 +36,7 @@ fn largest<T: Real>(numbers: impl Iterator<Item = T>) -> T {
     numbers.fold(T::zero(), |most, number| most.max(number.abs()))
 }
 
-/// How large everything is.
+/// Sizes of all parts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pub cameras: usize,
@@ -88,13 +89,13 @@ impl Layout {
 
 /// The workspace.
 pub(super) struct Parts<'a, T> {
-    /// Of what is kept: the equations, their factor or its covariance.
+    /// The equations of the kept unknowns, their factor or its covariance.
     pub kept: Kept<'a, T>,
     /// Vectors as long as that.
     pub vectors: &'a mut [T],
     pub lines: Lines<'a, T>,
     pub blocks: Blocks<'a, T>,
-    /// What is left.
+    /// The rest.
     pub rest: &'a mut [T],
 }
 
@@ -115,7 +116,7 @@ pub(super) struct Line<'a, T: Real> {
     pub by_place: Vector2<T>,
     /// Residual, or leverage.
     pub number: T,
-    /// Its row's part of the camera's unknowns, in units of what all rows together say.
+    /// Its row's part of the camera's unknowns, in units of the information of all rows together.
     pub q: &'a [T],
 }
 
@@ -195,8 +196,8 @@ struct Way<T> {
 }
 
 impl<T: Real> Way<T> {
-    /// Of the entries by the carrier, by the place before and by the place, those by the carrier, by the place
-    /// before, as all later ones move with it, and by the leg's error.
+    /// From the entries by the carrier, by the place before and by the place, makes those by the carrier, by
+    /// the place before, as all later ones move with it, and by the leg's error.
     fn leave_places(&self, [c1, c2, x, y, u1, u2]: &mut [T; 6]) {
         let ([[a, b], [c, d]], [[e, f], [g, h]]) = (self.inverse, self.by_carrier);
         let (v1, v2) = (*u1, *u2);
@@ -266,7 +267,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// What a camera says about places when it is eliminated; chi squared of what it saw.
+    /// Information of a camera about places when it is eliminated; returns chi squared of its sights.
     fn eliminate(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<T> {
         let unknowns = self.axes(camera).len();
         let mut triangle = parts.blocks.get(camera, unknowns)?;
@@ -289,16 +290,16 @@ impl<T: Real> Problem<'_, T> {
         Some(cost)
     }
 
-    /// The same where the camera explains some sight nearly alone, as that of a target right before it: the square
-    /// less what is explained would have no digits left. Row after row is rotated with all that it says of
-    /// places, and what is left of it is what it says of them alone.
+    /// The same where the camera explains some sight nearly alone, as that of a target right before it: the
+    /// square less the explained part would have no digits left. Row after row is rotated with all that it
+    /// says of places. The rest of it is what it says of them alone.
     fn add_rows(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         let (kept, axes) = (self.layout().kept, self.axes(camera));
         let unknowns = axes.len();
         let (g, vectors) = parts.vectors.split_at_mut_checked(kept)?;
         let (row, vectors) = vectors.split_at_mut_checked(kept)?;
         vectors.fill(T::zero());
-        // Of each rotated row the camera's part, and the right side last.
+        // Each rotated row: the camera's part, and the right side last.
         let mut rotated = [[T::zero(); BLOCK + 1]; BLOCK];
         for (place, axis) in axes.clone().enumerate() {
             if let Some((residual, weight)) = self.prior_of(camera, axis) {
@@ -386,7 +387,7 @@ impl<T: Real> Problem<'_, T> {
         Some(cost)
     }
 
-    /// What pairs of a camera's sights say about places.
+    /// Information that pairs of a camera's sights give about places.
     fn add_pairs(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         for (n, sight) in self.own(camera) {
             let line = parts.lines.get(n)?;
@@ -448,7 +449,7 @@ impl<T: Real> Problem<'_, T> {
         STOPS + 2 * (self.stops.len() + mark)
     }
 
-    /// From steps of places to errors of legs, with what these and the priors say.
+    /// From steps of places to errors of legs, with the information of these and of the priors.
     fn add_legs(&self, parts: &mut Parts<'_, T>) -> Option<T> {
         let mut cost = T::zero();
         for later in (1..self.stops.len()).rev() {
@@ -482,7 +483,7 @@ impl<T: Real> Problem<'_, T> {
         Some(cost)
     }
 
-    /// Of the leg to a stop; where nothing was measured, the step itself.
+    /// Way of the leg to a stop; where nothing was measured, the step itself.
     fn way(&self, later: usize) -> Option<Way<T>> {
         let (zero, one) = (T::zero(), T::one());
         let Some([first, second]) = self.leg_rows(later) else {
@@ -508,8 +509,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The step to the minimum of the equations that were assembled; it is kept, not taken. Tells by how much
-    /// it lowers chi squared, as far as the model is linear.
+    /// Finds the step to the minimum of the assembled equations; it is kept, not taken. Tells by how much it
+    /// lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<T> {
         if self.common.is_whole() {

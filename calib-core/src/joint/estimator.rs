@@ -15,8 +15,8 @@ use super::{
 };
 use crate::{Limits, Pose, Real, Refusal, numerics::real::lit};
 
-/// Where an estimator keeps its measurements and estimates: the caller's, so that it is there once,
-/// wherever that is, and as large as is needed. What is in it before does not matter.
+/// Memory for an estimator's measurements and estimates. It is the caller's, so that it exists once, wherever
+/// that is, and as large as is needed. Its former contents do not matter.
 #[derive(Debug)]
 pub struct JointMemory<'m, T: Real> {
     /// One for each camera, of which the first two are the references.
@@ -192,8 +192,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         })
     }
 
-    /// An estimator as of [`new`](Self::new), of a walk of so many stops that all unknowns together are the solver's:
-    /// its workspace needs to be as large as [`Capacity::workspace_beside_solver`](super::Capacity) says.
+    /// An estimator as of [`new`](Self::new), for a walk of so many stops that all unknowns together are left
+    /// to the solver: its workspace needs to be as large as
+    /// [`Capacity::workspace_beside_solver`](super::Capacity) says.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -212,7 +213,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// Appoints other references: camera `first` becomes camera 0 and `second` camera 1, which give
     /// their numbers to those, with this distance between them. Everything is estimated anew then.
     ///
-    /// Bearings may so be taken before anybody knows who the references will be.
+    /// Bearings may so be taken before the references are known.
     ///
     /// # Errors
     /// [`JointError::Unknown`] where these are not two cameras, and as
@@ -237,7 +238,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         // Who was moved is found anew.
         self.counted = [self.stops.len, self.sights.len, self.visits.len];
         self.work().1.undo_moves(None);
-        // Where the first exchange puts the second reference.
+        // The place of the second reference after the first exchange.
         let second = if second == 0 { first } else { second };
         for [a, b] in [[0, index(first)?], [1, index(second)?]] {
             for sight in self.sights.all_mut() {
@@ -274,7 +275,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// Forgets all measurements and what came of them. References, priors and limits stay.
+    /// Forgets all measurements and their results. References, priors and limits stay.
     pub fn clear(&mut self) {
         self.work = Work::new();
         self.counted = [0; 3];
@@ -290,8 +291,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         }
     }
 
-    /// The next stop of the walk, and its number: they count from zero. `leg` is how the target came
-    /// there; `None` at the first stop, and where the way was not measured.
+    /// Adds the next stop of the walk and returns its number: they count from zero. `leg` is the way by which
+    /// the target came there; `None` at the first stop, and where the way was not measured.
     ///
     /// # Errors
     /// [`JointError::Full`]; [`JointError::NotFinite`].
@@ -399,11 +400,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// A camera that was moved is another one from then on: what `camera` saw, and will be said to
-    /// have seen, at stop `from` and later belongs to camera `into`, of which nothing was known. It
-    /// is then estimated like any other, and `camera` keeps the pose that it had. From the next round
-    /// on. It takes four bearings that agree, and three different ones: one that is stuck repeats
-    /// itself.
+    /// A moved camera is another one from then on: sightings of `camera` at stop `from` and later, also those
+    /// still to come, belong to camera `into`, of which nothing was known. It is then estimated like any
+    /// other, and `camera` keeps the pose that it had. From the next round on. It takes four bearings that
+    /// agree, and three different ones: a stuck camera repeats itself.
     ///
     /// # Errors
     /// [`JointError::Unknown`] for a camera there is not; [`JointError::Taken`] if something was seen
@@ -429,7 +429,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// estimated and protection levels are computed. [`step`](JointEstimator::step) does it. A round
     /// under way is given up for the new one.
     ///
-    /// What comes during a round counts from the next one on.
+    /// Measurements that come during a round count from the next one on.
     pub fn begin(&mut self, round: Round) {
         self.count();
         let (work, mut problem) = self.work();
@@ -449,7 +449,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         work.step(&mut problem, &limits)
     }
 
-    /// Whether a round is under way. Until it is over answers are [`Refusal::DidNotConverge`].
+    /// Returns true while a round is under way. Until it is over answers are [`Refusal::DidNotConverge`].
     pub fn is_under_way(&self) -> bool {
         self.work.is_under_way()
     }
@@ -463,10 +463,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.finish().1
     }
 
-    /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a
-    /// camera has seen since some stop. If chance does so only once in 100,000 it is left out, and
-    /// everything solved again. `None` if nothing contradicts. To be called until then, some times
-    /// at most. May follow a solve that came to no end because of contradictions; another solve tells whether it now does.
+    /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a camera has
+    /// seen since some stop. If chance does so only once in 100,000 it is left out, and everything solved
+    /// again. `None` if nothing contradicts. To be called until then, some times at most. May follow a solve
+    /// that came to no end because of contradictions; another solve tells whether it now does.
     ///
     /// # Errors
     /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.
@@ -481,9 +481,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         }
     }
 
-    /// Estimates by how much the legs err more, or less, than they claim, and solves again with that.
-    /// A claim is believed until residuals contradict it at two sigmas, and weighs as much as six of
-    /// them then. Tells the factor of the sigmas, which stays.
+    /// Estimates the ratio of the legs' errors to their claims, and solves again with that. A claim is
+    /// believed until residuals contradict it at two sigmas, and weighs as much as six of them then. Tells
+    /// the factor of the sigmas, which stays.
     ///
     /// # Errors
     /// As [`check`](JointEstimator::check).
@@ -495,8 +495,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         solved.map(|_| self.leg_noise())
     }
 
-    /// By how much the legs err more than they claim, as it was estimated last: the factor of their
-    /// sigmas, one at first.
+    /// Ratio of the legs' errors to their claims, as it was estimated last: the factor of their sigmas, one
+    /// at first.
     pub fn leg_noise(&self) -> T {
         self.common.leg_factor
     }
@@ -514,7 +514,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         solved.map(|_| ())
     }
 
-    /// A round that does not solve first, of what is solved.
+    /// A round that does not solve first, with the present solution.
     fn finish_solved(&mut self, round: Round) -> Result<Finished<T>, JointError> {
         self.solved().map_err(JointError::Solve)?;
         let (work, mut problem) = self.work();
@@ -535,14 +535,14 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         }
     }
 
-    /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
+    /// Possible error of a camera's pose by one wrong measurement that no test notices. As
     /// [`protect`](JointEstimator::protect) found it; `None` for one without a pose, and references.
     pub fn protection(&self, camera: usize) -> Option<ProtectionLevels<T>> {
         let camera = self.cameras.get(camera).filter(|camera| camera.takes_part);
         camera.map(|camera| camera.protection)
     }
 
-    /// Where a camera stands and looks, from all measurements.
+    /// Pose of a camera, from all measurements.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for a camera that does not take part (yet); [`Refusal::Undetermined`].
@@ -550,7 +550,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.pose(camera)
     }
 
-    /// What a camera's lens is: the scale of its bearings' tangents.
+    /// Lens of a camera: the scale of its bearings' tangents.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated
@@ -559,7 +559,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.lens(camera)
     }
 
-    /// Where a stop is, from all measurements.
+    /// Place of a stop, from all measurements.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve or for a stop there is not;
@@ -568,7 +568,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.place(stop)
     }
 
-    /// What the carrier gets wrong.
+    /// Systematic errors of the carrier.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve; [`Refusal::Undetermined`].
@@ -576,7 +576,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.carrier()
     }
 
-    /// Where the references look.
+    /// Headings of the references.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve; [`Refusal::Undetermined`].
@@ -584,7 +584,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.reference_headings()
     }
 
-    /// What is left of bearing or range `n`, in the order in which they were added.
+    /// Residual of bearing or range `n`, in the order in which they were added.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve, for a camera without a pose or a bearing there is
@@ -593,7 +593,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.bearing_residual(n)
     }
 
-    /// What is left of the leg to a stop.
+    /// Residual of the leg to a stop.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve and where no leg was measured;
@@ -602,13 +602,13 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.leg_residual(stop)
     }
 
-    /// The first unknown that measurements do not determine, if there is one. What hangs on it is
+    /// The first unknown that measurements do not determine, if there is one. All that depends on it is
     /// [`Refusal::Undetermined`].
     pub fn undetermined(&self) -> Option<Undetermined> {
         self.common.undetermined
     }
 
-    /// Whether this camera's bearing at this stop came already.
+    /// Returns true if this camera's bearing at this stop came already.
     pub fn has_bearing(&self, stop: usize, camera: usize) -> bool {
         let is_it = |sight: &Sight<T>| {
             usize::from(sight.stop) == stop
@@ -618,7 +618,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.sights.all().iter().any(is_it)
     }
 
-    /// Bearings of a camera: how many came, and how many of these count.
+    /// Bearings of a camera: the number that came, and the number of these that count.
     pub fn bearings_of(&self, camera: usize) -> [usize; 2] {
         let of = { self.sights.all().iter() }.filter(|sight| usize::from(sight.camera) == camera);
         let counting = of
@@ -627,7 +627,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         [of.count(), counting.count()]
     }
 
-    /// The stop since which what a camera sees is not its own, because it was moved, and the camera that
+    /// The stop since which a camera's sightings are not its own, because it was moved, and the camera that
     /// it has become, if that was [told](JointEstimator::split). A leg that is found to have slipped may
     /// explain what looked like a move: then it was none.
     pub fn moved(&self, camera: usize) -> Option<(usize, Option<usize>)> {
@@ -646,8 +646,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             .count()
     }
 
-    /// Whether it cannot be told if a camera was moved for a while or the way to where it saw the target was
-    /// not as measured: at stops between legs that are left out nobody else saw the target.
+    /// Returns true if two faults cannot be told apart: the camera was moved for a while, or the way to where
+    /// it saw the target was not as measured. At stops between legs that are left out no other camera saw the
+    /// target.
     pub fn is_ambiguous(&self, camera: usize) -> bool {
         let is_cut = |stop: &Stop<T>| stop.standing != Standing::Counts;
         if !self.stops.all().iter().any(is_cut) {
@@ -675,7 +676,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         own >= IN_A_ROW && others == 0
     }
 
-    /// Whether the references' sightings gave a frame.
+    /// Returns true if the references' sightings gave a frame.
     pub const fn is_started(&self) -> bool {
         self.common.is_started
     }
@@ -690,7 +691,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.sights.len
     }
 
-    /// What is solved, for answers.
+    /// The solved problem, for answers.
     fn solved(&mut self) -> Result<Problem<'_, T>, Refusal> {
         if self.work.is_under_way() {
             return Err(Refusal::DidNotConverge);
@@ -701,7 +702,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(self.work().1)
     }
 
-    /// Counts what came since the last round began.
+    /// Counts the measurements that came since the last round began.
     fn count(&mut self) {
         let [stops, _, visits] = self.counted;
         self.counted = [self.stops.len, self.sights.len, self.visits.len];
@@ -756,12 +757,12 @@ fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointE
     Ok(())
 }
 
-/// How still a target stands, at least, in roots of the square root of the last digit, cubed.
+/// Least standing sigma of a target, in roots of the square root of the last digit, cubed.
 const LEAST_STANDING: f64 = 4.0;
 
-/// How still a target stands, at least: right before a camera one bearing would else tell so much that single
-/// precision has no digits left for what all others tell. It is a quarter of a millimetre of a baseline of ten
-/// metres there, and nothing in double precision.
+/// Standing sigma of a target, with its least value: right before a camera one bearing would else tell so
+/// much that single precision has no digits left for all others. The least value is a quarter of a millimetre
+/// of a baseline of ten metres there, and nothing in double precision.
 fn stands<T: Real>(standing: T, baseline: T) -> T {
     let root = T::default_epsilon().sqrt();
     standing.max(baseline * root * root.sqrt() * lit(LEAST_STANDING))

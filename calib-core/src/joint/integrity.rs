@@ -1,15 +1,13 @@
-//! What contradicts the rest is found, left out and named; what one undetected fault could do is
-//! told.
+//! Contradictions are found, left out and named; the possible effect of one undetected fault is told.
 //!
-//! **Test.** The largest normalised statistic over single bearings, legs, and all that a camera has
-//! seen since some stop (it was bumped, or is stuck). Alone what stands out most is left out, and
-//! everything is solved again before the next one is looked for: one wrong measurement makes many
-//! residuals large. Baarda's data snooping; as receivers of satellite navigation check themselves
-//! (RAIM). What was left out and agrees later comes back.
+//! **Test.** The largest normalised statistic over single bearings, legs, and all that a camera has seen
+//! since some stop (it was bumped, or is stuck). Only the strongest one is left out, and everything is solved
+//! again before the next one is looked for: one wrong measurement makes many residuals large. Baarda's data
+//! snooping; as receivers of satellite navigation check themselves (RAIM). A measurement that was left out
+//! and agrees later comes back.
 //!
-//! All of it comes from the covariances that a solve tells, without another pass. By how much chi squared falls
-//! without a camera's last sights is `r^T (1 - H)^-1 r` of these, `H` being the covariance of what is foretold
-//! of them.
+//! All of it comes from the covariances of a solve, without another pass. Without a camera's last sights chi
+//! squared falls by `r^T (1 - H)^-1 r` of these, `H` being their predicted covariance.
 //!
 //! **Protection level.** A fault of a measurement that its test just misses moves an unknown by at most
 //! `|C g| (4.42 + 3.09) / sqrt(1 - h)`: limit of the test plus the margin with which it misses one
@@ -35,13 +33,13 @@ const SUSPICION: f64 = 4.6;
 const DETECTED: f64 = 4.42 + 3.09;
 /// Noise exceeds so many sigmas once in a thousand, on both sides of a position's.
 const NOISE: f64 = 3.09;
-/// What is less checked than this counts as this much.
+/// Redundancies below this count as this much.
 const LEAST_REDUNDANCY: f64 = 1e-4;
 /// Bearings of a camera, one after the other, that are off: it is no longer what it was.
 pub(super) const IN_A_ROW: usize = 2;
-/// Odds of a bearing that is to the bit what its camera saw before, and the target has moved.
+/// Odds of a bearing that repeats the camera's last one to the bit, although the target has moved.
 const OF_REPEATED: f64 = 2.0;
-/// Odds of a leg: where it and a bearing explain the same, less is lost without the bearing.
+/// Odds of a leg: where it and a bearing explain the same, the loss is less without the bearing.
 const OF_LEG: f64 = 0.95;
 /// Odds of a tail: one wrong bearing explains itself.
 const OF_TAIL: f64 = 0.9;
@@ -50,7 +48,7 @@ const BELIEVED: f64 = 2.0;
 /// The legs' claimed variance counts as much as so many residuals.
 const PSEUDO_SAMPLES: f64 = 6.0;
 
-/// How rarely chance exceeds a chi squared: minus the logarithm of its probability, so that statistics
+/// Rarity of a chi squared by chance: minus the logarithm of its probability, so that statistics
 /// of different degrees of freedom can be compared. By the first term of the asymptotic series of the
 /// incomplete gamma function (Abramowitz and Stegun, 6.5.32): exact for two degrees, and to a
 /// hundredth for others from the limit on. Zero where chance exceeds it often.
@@ -81,26 +79,26 @@ fn strength<T: Real>(chi_squared: T, degrees_of_freedom: usize) -> T {
         + (T::one() - beyond_two / chi_squared).ln()
 }
 
-/// What a look at every measurement tells.
+/// Result of a look at every measurement.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Survey<T> {
     /// Next.
     camera: usize,
     protects: bool,
     strongest: Option<(Finding<T>, T)>,
-    /// The strongest of what is no camera as a whole.
+    /// The strongest that is not a whole camera.
     single: Option<(Finding<T>, T)>,
     /// The leg that may be to blame for a suspect, and its chi squared.
     leg: Option<(usize, T)>,
-    /// Of the legs: the sum of their squared residuals, in claimed sigmas, and what it averages.
+    /// The sum of the legs' squared residuals, in claimed sigmas, and its expectation.
     squares: T,
     redundancy: T,
-    /// What comes next once all measurements were looked at: the last sights of this camera.
+    /// The next step once all measurements were looked at: the last sights of this camera.
     tail: Option<usize>,
 }
 
 impl<T: Real> Survey<T> {
-    /// What contradicts so much that chance is no excuse.
+    /// The contradiction that is too strong for chance.
     pub(super) fn found(&self) -> Option<Finding<T>> {
         let beyond = self
             .strongest
@@ -108,13 +106,13 @@ impl<T: Real> Survey<T> {
         beyond.map(|(found, _)| found)
     }
 
-    /// How rarely chance does what contradicts most.
+    /// Rarity by chance of the strongest contradiction.
     pub(super) fn strength(&self) -> T {
         let strongest = self.strongest.filter(|_| self.found().is_some());
         strongest.map_or_else(T::zero, |(_, strength)| strength)
     }
 
-    /// `odds` weigh what is as strong as something else.
+    /// `odds` decide between findings of equal strength.
     fn offer(&mut self, found: Finding<T>, strength: T, odds: f64) {
         if strength > lit(LIMIT) {
             let weighed = strength * lit(odds);
@@ -131,8 +129,8 @@ impl<T: Real> Survey<T> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// A look at what every measurement says against the rest and, if asked, what it could do to
-    /// everybody's pose unseen.
+    /// Begins a look at what every measurement says against the rest and, if asked, at its possible unseen
+    /// effect on the pose of every camera.
     pub(super) fn begin_survey(&mut self, protects: bool) -> Survey<T> {
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;
@@ -152,8 +150,8 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// What one camera saw, and what that and everything else does to it; with the first of them all legs. Or, if
-    /// it looks for what contradicts, the last sights of a camera under suspicion.
+    /// One camera: its sights, and their effect and that of everything else on it; with the first camera all
+    /// legs. Or, in the search for contradictions, the last sights of a camera under suspicion.
     #[inline(never)] // for less flash
     pub(super) fn step_survey(
         &mut self,
@@ -193,7 +191,7 @@ impl<T: Real> Problem<'_, T> {
             if sight.standing != Standing::Counts {
                 continue;
             }
-            // What is not determined contradicts nothing, and moves nothing.
+            // An unknown that is not determined contradicts nothing, and moves nothing.
             let residual = self.bearing_residual(n).ok();
             let off = residual.and_then(|residual| Some((residual, residual.normalised?)));
             let Some((residual, off)) = off else {
@@ -247,7 +245,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// What a fault of any measurement may do to a camera, and noise without a fault.
+    /// Possible effect of a fault of any measurement on a camera, and of noise without a fault.
     fn protect(&mut self, camera: usize) {
         let mut levels = ProtectionLevels::<T>::default();
         let told = self.influences(camera, |moved, redundancy, is_leg| {
@@ -277,7 +275,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Whether a bearing is to the bit what its camera saw before.
+    /// Returns true if a bearing is to the bit the camera's last one before it.
     fn repeats(&self, n: usize) -> bool {
         let Some(sight) = self.sights.get(n) else {
             return false;
@@ -300,7 +298,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// What everything that a camera saw since a stop contradicts: by how much chi squared falls without. Of
+    /// Contradiction of all that a camera saw since a stop: the fall of chi squared without it. Of
     /// [`IN_A_ROW`] bearings or more, which leave it enough for a pose.
     fn survey_tails(&mut self, survey: &mut Survey<T>, camera: usize) -> Option<()> {
         let all = self.counting(camera);
@@ -337,8 +335,9 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Solves without what a camera is blamed for: where nothing fits, and estimates came to no end, closed forms in
-    /// single precision say too much of a camera right before the target. What does not stand that is nothing.
+    /// Solves without the sightings that a camera is blamed for: where nothing fits, and estimates came to no
+    /// end, closed forms in single precision say too much of a camera right before the target. A finding that
+    /// does not stand this test is dropped.
     fn verify(&mut self, survey: &mut Survey<T>) {
         let Some((found, weighed)) = survey.strongest else {
             return;
@@ -379,7 +378,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Leaves out what was found. A camera whose last bearings are all off is no longer what it was, or the
+    /// Leaves out a finding. A camera whose last bearings are all off is no longer as it was, or the
     /// way to where it saw them was not as measured: then nothing is left out for good yet, and the next
     /// surveys tell.
     pub(super) fn leave_out(&mut self, found: Finding<T>) -> Option<Finding<T>> {
@@ -417,15 +416,15 @@ impl<T: Real> Problem<'_, T> {
         None
     }
 
-    /// Which of both it was, once everything is solved with the suspect's bearings, and then again without
-    /// the leg that explains them best.
+    /// Decides between the camera and the leg, once everything is solved with the suspect's bearings, and
+    /// then again without the leg that explains them best.
     pub(super) fn decide(&mut self, survey: &Survey<T>) -> Option<Finding<T>> {
         let suspect = self.common.suspect.take()?;
         let (camera, from) = (usize::from(suspect.camera), usize::from(suspect.from));
         let found = survey.found();
         match suspect.leg {
             None => {
-                // Of several between the same sightings it does not matter which.
+                // Any of several legs between the same sightings will do.
                 let (leg, chi_squared) = survey.leg.unwrap_or((from, T::zero()));
                 let counts = self
                     .stops
@@ -474,12 +473,12 @@ impl<T: Real> Problem<'_, T> {
     }
 
     fn leave_out_leg(&mut self, stop: usize) {
-        // Whoever seemed to be moved near it may see rightly where the target really is.
+        // A camera that seemed to be moved near it may see rightly where the target really is.
         self.undo_moves(Some(stop));
         self.count_leg(stop, Standing::Excluded);
     }
 
-    /// The stops the way to which may be to blame for what a suspect saw: since it saw rightly.
+    /// Returns true if the leg to a stop may be to blame for the suspect's sightings: since it saw rightly.
     fn may_be_blamed(&self, leg: usize) -> bool {
         self.common.suspect.is_some_and(|suspect| {
             let camera = usize::from(suspect.camera);
@@ -518,7 +517,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// What was found, with the stop from which on it still holds now that everything is solved without.
+    /// The finding, with the stop from which on it still holds now that everything is solved without.
     pub(super) fn refined(&self, found: Finding<T>) -> Finding<T> {
         let Finding::Camera {
             camera,
@@ -551,9 +550,9 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// By how much the legs err more, or less, than they claim, from their own residuals, with a claim
-    /// that counts as much as six. It is believed until their residuals contradict it: a factor from
-    /// few of them errs more than most claims. Whether that changes anything.
+    /// Estimates from the legs' own residuals by how much they err more, or less, than they claim; the claim
+    /// counts as much as six. It is believed until their residuals contradict it: a factor from few of them
+    /// errs more than most claims. Returns true if that changes anything.
     pub(super) fn fit_leg_noise(&mut self, survey: &Survey<T>) -> bool {
         let claim = lit::<T>(PSEUDO_SAMPLES);
         let before = self.common.leg_factor;
@@ -572,8 +571,8 @@ impl<T: Real> Problem<'_, T> {
         true
     }
 
-    /// Believes no prior of the carrier that all measurements together contradict more strongly than
-    /// anything else does: it is widened to what it errs. Whether there was one.
+    /// Widens a prior of the carrier to its error if all measurements together contradict it more strongly
+    /// than anything else. Returns true if there was one.
     pub(super) fn widen_priors(&mut self, survey: &Survey<T>) -> bool {
         let Ok(carrier) = self.carrier() else {
             return false;
@@ -595,7 +594,7 @@ impl<T: Real> Problem<'_, T> {
         ] {
             let off = value - prior.mean;
             let claimed = prior.sigma * prior.sigma;
-            // The variance of what is left of it.
+            // The variance of its residual.
             let told = claimed - variance;
             if told > claimed * lit(UNCHECKED) && strength(off * off / told, 1) > least {
                 prior.sigma = prior.sigma.max(off.abs());
@@ -631,7 +630,7 @@ mod tests {
         assert_eq!(strength(100.0_f64, 0), 0.0);
     }
 
-    /// Of equal chi squared that of fewer degrees is the rarer.
+    /// At equal chi squared the one with fewer degrees is the rarer.
     #[test]
     fn fewer_degrees_are_stronger() {
         for degrees in 1..30 {

@@ -7,9 +7,9 @@
 //!
 //! # Room
 //! [`remove_stop`](JointEstimator::remove_stop) drops a stop's bearings and makes one leg of the two
-//! that meet there. Displacements and their covariances add up, in the frame of the carrier whose
-//! scale and compass both share. So nothing but the bearings is lost: what the two legs say of all
-//! other stops is what the sum says. Sigmas grow by what the bearings were worth.
+//! that meet there. Displacements and their covariances add up, in the frame of the carrier whose scale and
+//! compass both share. So nothing but the bearings is lost: the sum says of all other stops what the two legs
+//! said. Sigmas grow by the worth of the bearings.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -23,7 +23,7 @@ use crate::{Real, angle::wrap_signed, numerics::real::lit};
 /// Bearings that a pose takes.
 const FEWEST: usize = 3;
 
-/// What a stop is to the caller; the estimator keeps it and makes nothing of it.
+/// Label of a stop by the caller; the estimator keeps it and makes nothing of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopTag {
@@ -73,7 +73,7 @@ impl<T: Real> JointEstimator<'_, T> {
         self.stops.all().iter().map(|stop| stop.tag)
     }
 
-    /// How the target came to a stop, as it was measured; `None` where it was not.
+    /// The way by which the target came to a stop, as it was measured; `None` where it was not.
     pub fn leg(&self, stop: usize) -> Option<Leg<T>> {
         measured_leg(self.stops.all().get(stop)?)
     }
@@ -110,7 +110,7 @@ impl<T: Real> JointEstimator<'_, T> {
         let stop = self.stops.all_mut().get_mut(stop);
         let stop = stop.ok_or(JointError::Unknown)?;
         stop.tag = tag;
-        // Where it began, until all are there.
+        // The number of the stop where it began, until all are there.
         if let Some(leg) = leg {
             stop.step.x = lit(f64::from(leg.from));
         }
@@ -144,12 +144,12 @@ impl<T: Real> JointEstimator<'_, T> {
         }
     }
 
-    /// The stop that is missed least, so that another one has room: of whose cameras the one that was
-    /// seen least has been seen most often, or which no camera saw. Of equals it is the oldest; never
-    /// the last one. `None` where there are fewer than two.
+    /// The stop that is missed least, so that another one has room: the one whose least seen camera has been
+    /// seen most often, or one that no camera saw. Among equals it is the oldest; never the last one. `None`
+    /// where there are fewer than two.
     ///
-    /// So no camera is forgotten because the target has long been elsewhere, and the references go on
-    /// having what the frame takes.
+    /// So no camera is forgotten because the target has long been elsewhere, and the references keep the
+    /// sightings that the frame needs.
     pub fn least_missed(&self) -> Option<usize> {
         let fewest = |stop: usize| {
             let sights = self.sights.all().iter();
@@ -161,12 +161,12 @@ impl<T: Real> JointEstimator<'_, T> {
             counts.min().unwrap_or(usize::MAX)
         };
         let candidates = 0..self.stops.len.checked_sub(1)?;
-        // Of equals `max_by_key` takes the last.
+        // Among equals `max_by_key` takes the last.
         candidates.rev().max_by_key(|stop| fewest(*stop))
     }
 
-    /// Whether a stop cannot be told from the one before: two cameras or more saw the target at both, nobody saw
-    /// it here alone, and to each it looked the same within `sigmas` of what both looks err by.
+    /// Returns true if a stop cannot be told from the one before: two cameras or more saw the target at both,
+    /// no camera saw it here alone, and for each it looked the same within `sigmas` of both looks' errors.
     ///
     /// Where a target stands for long, and no leg tells one stop from the other, each look has the errors of the
     /// one before: of a whole number of pixels, of the light. Taken for independent they would make sigmas
@@ -190,10 +190,10 @@ impl<T: Real> JointEstimator<'_, T> {
         at(stop).nth(1).is_some() && at(stop).all(is_same)
     }
 
-    /// Takes a stop out, with its bearings and visits. What is known of the way to it and on from it
-    /// becomes one leg, unless one of them was not measured. Later stops have the number of the one
-    /// before then. Tells `moved` which measurements are other ones than before, first those that took
-    /// the place of a removed one, then those that are no more.
+    /// Takes a stop out, with its bearings and visits. The known ways to it and on from it become one leg,
+    /// unless one of them was not measured. The numbers of later stops fall by one. Tells `moved` which
+    /// measurements are other ones than before, first those that took the place of a removed one, then those
+    /// that are no more.
     ///
     /// A round under way is given up, and answers are told again after the next one.
     ///
@@ -252,7 +252,7 @@ impl<T: Real> JointEstimator<'_, T> {
         Ok(())
     }
 
-    /// Cameras that too few bearings are left of are estimated no more.
+    /// No longer estimates cameras that have too few bearings left.
     fn dismiss_blind(&mut self) {
         for camera in REFERENCES..self.cameras.len() {
             let [_, counting] = self.bearings_of(camera);

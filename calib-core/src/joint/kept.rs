@@ -1,11 +1,11 @@
-//! Symmetric equations of what is kept, packed: factored, solved and inverted where they are.
+//! Symmetric equations of the kept unknowns, packed: factored, solved and inverted in place.
 //!
 //! Half of the matrix is there, row after row up to the diagonal. Cholesky's factor takes its place, then
 //! the inverse takes that of the factor, so there is never a second one. Golub and Van Loan, "Matrix
 //! Computations", 4.2.
 //!
-//! An unknown of which the others leave no pivot, or one that is rounding, is dropped: it stays where it
-//! is, and the others are solved as if it were known.
+//! An unknown for which the others leave no pivot, or only a rounded one, is dropped: it stays where it is,
+//! and the others are solved as if it were known.
 
 use crate::{Real, numerics::real::lit};
 
@@ -33,7 +33,7 @@ impl<'a, T: Real> Kept<'a, T> {
         self.numbers.fill(T::zero());
     }
 
-    /// An entry. None of what there is not is asked: it would be zero.
+    /// An entry. Entries that do not exist are zero, and are not asked for.
     #[inline]
     pub(super) fn at(&self, i: usize, j: usize) -> T {
         let (low, high) = if i < j { (i, j) } else { (j, i) };
@@ -127,9 +127,9 @@ impl<'a, T: Real> Kept<'a, T> {
     }
 
     /// Cholesky's factor in place of the matrix. On the diagonal are the reciprocals of its pivots, and zeros
-    /// for unknowns that are dropped. `diagonal`, as long as the matrix, gets what its diagonal was. The
-    /// first one that was dropped is told though its diagonal says something about it; `None` for a
-    /// matrix that is none.
+    /// for unknowns that are dropped. `diagonal`, as long as the matrix, gets the former diagonal. Tells the
+    /// first one that was dropped though its diagonal says something about it; `None` for a matrix that is
+    /// none.
     #[inline(never)]
     pub(super) fn factor(&mut self, diagonal: &mut [T]) -> Option<usize> {
         let noise = lit::<T>(NOISE) * T::default_epsilon();
@@ -209,7 +209,7 @@ impl<'a, T: Real> Kept<'a, T> {
         }
     }
 
-    /// Whether an unknown was dropped, from the factor.
+    /// Returns true if an unknown was dropped, from the factor.
     pub(super) fn is_dropped(&self, i: usize) -> bool {
         self.row(i).last() == Some(&T::zero())
     }
@@ -227,9 +227,9 @@ impl<'a, T: Real> Kept<'a, T> {
         }
     }
 
-    /// The inverse in place of the factor: row after row that of the factor itself, then the product of this with
-    /// its transpose. Unknowns that were dropped have zeros. Two rows go in at a time, so that what they go into
-    /// is read and written half as often.
+    /// The inverse in place of the factor: row after row that of the factor itself, then the product of this
+    /// with its transpose. Unknowns that were dropped have zeros. Two rows go in at a time, so that their
+    /// target is read and written half as often.
     #[inline(never)]
     pub(super) fn invert(&mut self) -> Option<()> {
         for i in 0..self.rows {
@@ -416,7 +416,7 @@ mod tests {
         }
     }
 
-    /// Of two unknowns only their sum is measured, and of another one nothing.
+    /// Only the sum of two unknowns is measured, and nothing of another one.
     #[test]
     fn what_is_not_determined_is_dropped() {
         let mut store = [0.0_f32; packed(4)];

@@ -3,33 +3,32 @@
 //!
 //! Two references define the frame: camera 0 is the origin, camera 1 at `(baseline, 0)`; their
 //! headings are unknown. A target walks from stop to stop. Its carrier measures every displacement,
-//! with a scale and a compass of its own, and cameras that see it measure its bearing. Unknown are
-//! the places of all stops, the pose of every camera, the two headings, and the carrier's scale and
-//! compass offset, of which a prior is known.
+//! with a scale and a compass of its own, and cameras that see it measure its bearing. Unknown are the places
+//! of all stops, the pose of every camera, the two headings, and the carrier's scale and compass offset, of
+//! which a prior is known.
 //!
 //! # Why together
-//! Solved one after the other, each answer is believed by the next: an error of the carrier is one
-//! of every camera. Solved together, cameras correct the carrier. With a carrier of which nothing is
-//! known but its priors the errors are a half to a sixth (`docs/accuracy.md`), and redundancy shows
-//! what contradicts.
+//! Solved one after the other, each answer is believed by the next: an error of the carrier is one of every
+//! camera. Solved together, cameras correct the carrier. With a carrier of which only priors are known the
+//! errors are a half to a sixth (`docs/accuracy.md`), and redundancy shows contradictions.
 //!
 //! # How
-//! **Cameras are eliminated, carrier and stops are kept.** Whitened and linearised around the present estimates,
-//! every measurement is a row of `J x = r`. No row has unknowns of two cameras, so each camera's block, three unknowns
-//! or four with its lens, is eliminated by itself (Schur complement; Triggs et al., "Bundle adjustment: a modern
-//! synthesis", 2000). What is kept is as large as the walk, whatever the number of cameras and of their unknowns: a
-//! packed matrix that Cholesky's factor replaces, and the inverse replaces that. One pass so gives the step; and
-//! its last factor all covariances: of cameras, stops and carrier, and how much of each measurement's error shows.
-//! Residual tests, leaving out and protection levels are closed forms of these, without a pass of their own. Each
-//! pass begins with the raw measurements, so all is linearised anew, and any measurement can be taken out or put
-//! back at no cost.
+//! **Cameras are eliminated, carrier and stops are kept.** Whitened and linearised around the present
+//! estimates, every measurement is a row of `J x = r`. No row has unknowns of two cameras, so each camera's
+//! block, three unknowns or four with its lens, is eliminated by itself (Schur complement; Triggs et al.,
+//! "Bundle adjustment: a modern synthesis", 2000). The kept part is as large as the walk, whatever the number
+//! of cameras and of their unknowns: a packed matrix. Cholesky's factor replaces it, and the inverse replaces
+//! the factor. So one pass gives the step. Its last factor gives all covariances: of cameras, stops and
+//! carrier, and the share of each measurement's error that shows. Residual tests, leaving out and protection
+//! levels are closed forms of these, without a pass of their own. Each pass begins with the raw measurements,
+//! so all is linearised anew, and any measurement can be taken out or put back at no cost.
 //!
-//! **In single precision** normal equations as they stand lose up to a whole posterior sigma where legs are much
-//! surer than cameras. Two things keep that away. Legs are not rows but unknowns: what is solved for is by how much
-//! each leg errs, in its sigmas, so that what legs say is the identity and what cameras add to it is not lost beside
-//! it. And a camera is eliminated by orthogonal rows, so that its own square is never subtracted from itself. Steps
-//! then err by some thousandths of a posterior sigma, sigmas by less than 0.3 %, walks with hardly any redundancy
-//! included.
+//! **In single precision** normal equations as they stand lose up to a whole posterior sigma where legs are
+//! much surer than cameras. Two things prevent that. Legs are not rows but unknowns: the solver finds the
+//! error of each leg, in its sigmas, so that the legs' information is the identity and that of the cameras is not
+//! lost beside it. And a camera is eliminated by orthogonal rows, so that its own square is never subtracted
+//! from itself. Steps then err by some thousandths of a posterior sigma, sigmas by less than 0.3 %, walks
+//! with hardly any redundancy included.
 //!
 //! Walks too long for that, of many hundreds of stops on a computer, have all unknowns solved together by a
 //! [`Solver`] of the caller's.
@@ -39,42 +38,43 @@
 //! three](crate::resection::solve_rejecting) as soon as it has seen enough.
 //!
 //! # The models
-//! A bearing is `atan2(p - c) - heading` plus noise. If asked, each camera's focal length is estimated
-//! too ([`JointSettings::lens`]): then the tangent of that angle is the measured one's times a scale of
-//! which a prior is known. A camera seen three times is carried by it, from some six on its own bearings tell. A displacement is what the carrier reads: the
-//! true one, turned by its compass offset and stretched by its scale, plus noise of the covariance
-//! that the caller gives. A range is `|p - c|` plus noise. A visit to a mark says that a place is that of the mark, which is unknown
-//! too: visited twice, it closes a loop.
+//! A bearing is `atan2(p - c) - heading` plus noise. If asked, each camera's focal length is estimated too
+//! ([`JointSettings::lens`]): then the tangent of that angle is the measured one's times a scale of which a
+//! prior is known. For a camera seen three times the prior decides, from some six on its own bearings do. A
+//! displacement is the carrier's reading: the true one, turned by its compass offset and stretched by its
+//! scale, plus noise of the covariance that the caller gives. A range is `|p - c|` plus noise. A visit to a
+//! mark says that a place is that of the mark, which is unknown too: visited twice, it closes a loop.
 //!
-//! # What contradicts
-//! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest
-//! most, names it, and solves without it; what agrees later comes back. A camera that was moved is
-//! [another one](JointEstimator::split) from then on, with a pose of its own; references are watched
-//! like all others, and what they saw before holds the frame. Where the last bearings of a camera are off,
-//! either it was moved or the way there was not as measured: both are tried, and where nobody else saw the
+//! # Contradictions
+//! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest most,
+//! names it, and solves without it; it comes back if it agrees later. A camera that was moved is [another
+//! one](JointEstimator::split) from then on, with a pose of its own; references are watched like all others,
+//! and their earlier sightings hold the frame. Where the last bearings of a camera are off,
+//! either it was moved or the way there was not as measured: both are tried. Where no other camera saw the
 //! target there, that [cannot be told](JointEstimator::is_ambiguous). A prior of the carrier that everything
-//! together contradicts is widened to what it errs.
-//! [`protect`](JointEstimator::protect) tells how far a pose may be off because of one fault that
-//! no test can see: many sigmas where nothing checks what it rests on. A path walked there and back
-//! checks every leg.
+//! together contradicts is widened to its error.
+//! [`protect`](JointEstimator::protect) tells how far a pose may be off because of one fault that no test can
+//! see: many sigmas where nothing checks its measurements. A path walked there and back checks every leg.
 //!
 //! # In slices
-//! [`begin`](JointEstimator::begin) begins a [`Round`], and each call of
-//! [`step`](JointEstimator::step) does at most one pass of it, or what a camera's tests take, so that a slow processor can do
-//! something else in between. [`solve`](JointEstimator::solve) and the others are rounds at one
-//! stretch. Measurements that come during a round count from the next one on. Once it is over, poses,
-//! headings, the carrier and the last place are told without another pass.
+//! [`begin`](JointEstimator::begin) begins a [`Round`], and each call of [`step`](JointEstimator::step) does
+//! at most one pass of it, or a camera's tests, so that a slow processor can do something else in between.
+//! [`solve`](JointEstimator::solve) and the others are rounds at one stretch. Measurements that come during a
+//! round count from the next one on. Once it is over, poses, headings, the carrier and the last place are
+//! told without another pass.
 //!
 //! # Degenerate cases
-//! What a direction lacks to be determined is asked of the pivots: an unknown without one, or with one that is
-//! rounding, is named ([`JointEstimator::undetermined`]), and what moves with it is [`Refusal::Undetermined`], never a
-//! number. Before the references have seen three stops together there is no frame ([`JointError::Start`]). A camera
+//! The pivots tell which direction is not determined: an unknown without a pivot, or with one that is
+//! rounding, is named ([`JointEstimator::undetermined`]), and all that moves with it is
+//! [`Refusal::Undetermined`], never a number. Before the references have seen three stops together there is
+//! no frame ([`JointError::Start`]). A camera
 //! in poor geometry is not admitted, and one that loses what it was admitted for is put back.
 //!
 //! # Cost
-//! A pass takes a sixth of the cube of what is kept (two unknowns a stop, and two of the carrier), covariances twice
-//! as much; of cameras each pair of sights of one of them. [`Capacity::workspace`] tells how many numbers an estimator
-//! keeps beside the measurements themselves: half the square of what is kept, and some for each bearing.
+//! A pass takes a sixth of the cube of the kept unknowns (two for each stop, and two of the carrier),
+//! covariances twice as much; for cameras each pair of sights of one of them. [`Capacity::workspace`] tells
+//! how many numbers an estimator keeps beside the measurements themselves: half the square of the kept
+//! unknowns, and some for each bearing.
 //!
 //! # Example
 //! ```
@@ -151,7 +151,7 @@ pub use problem::{
 pub use round::{Progress, Round};
 pub use whole::Solver;
 
-/// What an estimator has room for.
+/// Room of an estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capacity {
     /// Cameras, references included.
@@ -165,8 +165,8 @@ pub struct Capacity {
 }
 
 impl Capacity {
-    /// Numbers of the [workspace](JointMemory::workspace). What more there is lets [`check`](JointEstimator::check)
-    /// look at more than the last 32 sights of a camera together: half the square of their number.
+    /// Numbers of the [workspace](JointMemory::workspace). A larger one lets [`check`](JointEstimator::check)
+    /// look at more than the last 32 sights of a camera together: it takes half the square of their number.
     pub const fn workspace(&self) -> usize {
         self.layout(problem::LENS).workspace()
     }
@@ -186,7 +186,7 @@ impl Capacity {
     }
 }
 
-/// An unknown that is not determined by what was measured.
+/// An unknown that the measurements do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -203,7 +203,7 @@ pub enum Undetermined {
     Camera(u16),
 }
 
-/// What is known of a number beforehand.
+/// Knowledge about a number beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -214,7 +214,7 @@ pub struct Prior<T> {
     pub sigma: T,
 }
 
-/// What is known beforehand, and what is asked of a camera.
+/// Knowledge beforehand, and requirements for a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -224,8 +224,8 @@ pub struct JointSettings<T> {
     /// Direction that the carrier reads less the true one, in the frame whose x axis is the
     /// baseline, radians.
     pub compass: Prior<T>,
-    /// How still the target stands: standard deviation of its place at a stop, each axis, when a
-    /// camera looks. It is another one for each look, and not one of the way. Zero or above.
+    /// Standing sigma: standard deviation of the target's place at a stop, each axis, when a camera looks. It
+    /// is another error for each look, and not one of the way. Zero or above.
     pub standing: T,
     /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
     /// takes [`Capacity::workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
@@ -261,18 +261,18 @@ impl<T: Real> Default for JointSettings<T> {
     }
 }
 
-/// How the target came to a stop: the way from the stop before, as its carrier measured it.
+/// The way by which the target came to a stop, from the stop before, as its carrier measured it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Leg<T: Real> {
     /// The displacement, in the frame of the carrier.
     pub displacement: Vector2<T>,
-    /// Its covariance, positive definite, as far as it is this leg's own. What all legs share is
+    /// Its covariance, positive definite, as far as it is this leg's own. The common errors of all legs are
     /// the carrier's scale and compass.
     pub covariance: Matrix2<T>,
 }
 
-/// Where a stop is.
+/// Place of a stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StopPlace<T: Real> {
@@ -282,7 +282,7 @@ pub struct StopPlace<T: Real> {
     pub covariance: Matrix2<T>,
 }
 
-/// What the carrier gets wrong.
+/// Systematic errors of the carrier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Carrier<T: Real> {
@@ -294,8 +294,8 @@ pub struct Carrier<T: Real> {
     pub covariance: Matrix2<T>,
 }
 
-/// What a camera's lens is. A focal length that is shorter than believed makes the true tangents of
-/// bearings larger than the measured ones.
+/// Lens of a camera. A focal length that is shorter than believed makes the true tangents of bearings larger
+/// than the measured ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -305,12 +305,12 @@ pub struct Lens<T> {
     pub scale: T,
     /// Its standard deviation.
     pub sigma: T,
-    /// How far what the bearings say is from one, in sigmas of that and of the prior together. Zero if
+    /// Distance of the bearings' own result from one, in sigmas of that and of the prior together. Zero if
     /// they say nothing.
     pub off: T,
 }
 
-/// Where the references look.
+/// Headings of the references.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceHeadings<T: Real> {
@@ -320,7 +320,7 @@ pub struct ReferenceHeadings<T: Real> {
     pub covariance: Matrix2<T>,
 }
 
-/// What is left of a bearing, or of a range.
+/// Residual of a bearing, or of a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -329,7 +329,7 @@ pub struct BearingResidual<T> {
     pub stop: usize,
     /// The camera.
     pub camera: usize,
-    /// What it is of.
+    /// Quantity that it is of.
     pub quantity: Quantity,
     /// World bearing of the place, less the camera's heading and the bearing, radians; or distance of
     /// the place, less the range.
@@ -338,30 +338,30 @@ pub struct BearingResidual<T> {
     pub redundancy: T,
     /// The residual over its standard deviation; `None` for a bearing that nothing checks.
     pub normalised: Option<T>,
-    /// Whether it counts.
+    /// Standing of the bearing: counted or left out.
     pub standing: Standing,
 }
 
-/// What is left of a leg.
+/// Residual of a leg.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LegResidual<T> {
     /// The stop that it leads to.
     pub stop: usize,
-    /// Chi squared of what is checked of it.
+    /// Chi squared of its checked directions.
     pub chi_squared: T,
-    /// Of so many directions: 2, 1, or 0 for a leg that nothing checks.
+    /// Number of checked directions: 2, 1, or 0 for a leg that nothing checks.
     pub degrees_of_freedom: usize,
     /// The sum of its squared residuals, each over the sigma that the leg claims.
     pub squared: T,
-    /// What that sum averages: the sum of its redundancy numbers, 0 to 2.
+    /// Expectation of that sum: the sum of its redundancy numbers, 0 to 2.
     pub redundancy: T,
-    /// Whether it counts.
+    /// Standing of the leg: counted or left out.
     pub standing: Standing,
 }
 
-/// What contradicts the rest, and was left out.
+/// A contradiction to the rest, which was left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -388,7 +388,7 @@ pub enum Finding<T> {
     Leg {
         /// The stop that it leads to.
         stop: usize,
-        /// What it was off, as chi squared of two degrees of freedom or one.
+        /// Its error, as chi squared of two degrees of freedom or one.
         chi_squared: T,
     },
     /// All that a camera has seen from a stop on: it was moved, or is stuck.
@@ -397,14 +397,13 @@ pub enum Finding<T> {
         camera: usize,
         /// The first stop at which it is off.
         from: usize,
-        /// What that was off, as chi squared.
+        /// Its error, as chi squared.
         chi_squared: T,
     },
 }
 
-/// How far a camera's pose may be off although one measurement is wrong and nobody noticed: at
-/// most so much in 999 of 1,000 cases. Many times its sigmas where nothing checks a measurement on
-/// which it rests.
+/// Bound on the error of a camera's pose although one measurement is wrong and no test notices it: at most so
+/// much in 999 of 1,000 cases. Many times its sigmas where nothing checks a measurement on which it rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -420,7 +419,7 @@ pub struct ProtectionLevels<T> {
 }
 
 impl<T: Real> Default for ProtectionLevels<T> {
-    /// Against nothing.
+    /// Protection against nothing.
     fn default() -> Self {
         let zero = T::zero();
         Self {
@@ -432,12 +431,12 @@ impl<T: Real> Default for ProtectionLevels<T> {
     }
 }
 
-/// How a solve went.
+/// Result of a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct JointSolution<T> {
-    /// Of all measurements that count.
+    /// Fit of all measurements that count.
     pub fit: Fit<T>,
     /// Cameras that have a pose, references included.
     pub cameras: usize,
@@ -445,27 +444,27 @@ pub struct JointSolution<T> {
     pub passes: usize,
 }
 
-/// Why there is no joint answer, or a measurement is not taken.
+/// Reason why there is no joint answer, or a measurement is not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum JointError {
-    /// The capacity for stops, or for bearings, or for visits, is used up. What was taken stays.
+    /// The capacity for stops, or for bearings, or for visits, is used up. The measurements so far stay.
     Full,
-    /// There is less memory than two references need, or a smaller workspace than [`workspace`]
+    /// There is less memory than two references need, or a smaller workspace than [`Capacity::workspace`]
     /// says, or more stops or cameras than 16 bits count.
     Memory,
     /// There is no such stop, camera or mark.
     Unknown,
-    /// This camera is not free to be what another one became.
+    /// This camera is not free to be the successor of another one.
     Taken,
     /// A number is not finite, a sigma is not above zero or a covariance is not positive definite.
     NotFinite,
     /// The references' own sightings do not give a frame, for this reason.
     Start(Refusal),
-    /// The passes came to no end, for this reason. Estimates are the best that were found: what
-    /// contradicts may be left out ([`JointEstimator::check`]).
+    /// The passes came to no end, for this reason. Estimates are the best that were found: contradictions may
+    /// be left out ([`JointEstimator::check`]).
     Solve(Refusal),
 }
 

@@ -1,4 +1,4 @@
-//! What is estimated and from what: measurements, estimates, and the rows that they make.
+//! The unknowns and their sources: measurements, estimates, and the rows that they make.
 
 use core::ops::Range;
 
@@ -22,7 +22,7 @@ pub(super) const HEADING: usize = 2;
 pub(super) const LENS: usize = 3;
 pub(super) const PRINCIPAL: usize = 4;
 
-/// What is kept while cameras are eliminated: the carrier's scale and compass offset, then two for each
+/// Kept unknowns while cameras are eliminated: the carrier's scale and compass offset, then two for each
 /// stop, then two for each mark.
 pub(super) const SCALE: usize = 0;
 pub(super) const COMPASS: usize = 1;
@@ -32,8 +32,8 @@ pub(super) const STOPS: usize = 2;
 /// be one fault.
 const NEAR: usize = 12;
 
-/// By how much an excluded leg's rows are shortened, at least: it has 50 times its sigmas, or as much as it is
-/// long if that is more.
+/// Least factor by which an excluded leg's rows are shortened: it has 50 times its sigmas, or as much as it
+/// is long if that is more.
 const EXCLUDED_LEG: f64 = 0.02;
 
 /// A stop: how it was reached, and where it is thought to be.
@@ -45,20 +45,20 @@ pub struct Stop<T: Real> {
     /// The root `W` of that measurement's information, `W^T W = C^-1`: lower triangular, by rows.
     /// Zeros where nothing was measured.
     pub(super) root: [T; 3],
-    /// Whether the displacement counts.
+    /// Standing of the displacement: counted or left out.
     pub(super) standing: Standing,
     /// The caller's own.
     pub(super) tag: StopTag,
     /// The step of its place.
     pub(super) step: Vector2<T>,
-    /// Of the leg that leads there: covariance `xx, xy, yy` of its two whitened rows.
+    /// Leverage of the leg that leads there: covariance `xx, xy, yy` of its two whitened rows.
     pub(super) leverage: [T; 3],
-    /// It can be moved, or what the leg measures, and nothing contradicts.
+    /// It can be moved, or the leg's measurement, and nothing contradicts.
     pub(super) is_undetermined: bool,
     pub(super) is_leg_undetermined: bool,
 }
 
-/// What a camera measured of the target: a bearing, or a range.
+/// A camera's measurement of the target: a bearing, or a range.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight<T> {
     pub(super) stop: u16,
@@ -74,7 +74,7 @@ pub struct Sight<T> {
 /// The end of a camera's sights.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// What a camera measures.
+/// Quantity that a camera measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -99,7 +99,7 @@ pub struct Visit<T> {
     pub(super) sigma: T,
 }
 
-/// Whether a measurement counts.
+/// Standing of a measurement: counted or left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -131,7 +131,7 @@ pub struct Unknown<T: Real> {
     pub(super) tried: u16,
     /// It was taken in since the passes last came to an end.
     pub(super) is_new: bool,
-    /// Stop from which on what it saw is not its own, because it was moved.
+    /// Stop from which on its sightings are not its own, because it was moved.
     pub(super) moved: Option<u16>,
     /// The camera that those bearings belong to.
     pub(super) successor: Option<u16>,
@@ -139,7 +139,7 @@ pub struct Unknown<T: Real> {
 }
 
 impl<T: Real> Default for Stop<T> {
-    /// At the origin, and nobody knows how it was reached.
+    /// At the origin, and without a known way there.
     fn default() -> Self {
         let zero = T::zero();
         Self {
@@ -200,7 +200,7 @@ impl<T: Real> Default for Unknown<T> {
     }
 }
 
-/// What cannot be left out.
+/// Numbers that cannot be left out.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Common<T: Real> {
     pub baseline: T,
@@ -214,7 +214,7 @@ pub(super) struct Common<T: Real> {
     pub carrier_step: Vector2<T>,
     /// By how much the legs' sigmas are larger than they claim.
     pub leg_factor: T,
-    /// How far the last pass is.
+    /// Stage that the last pass has reached.
     pub told: Told,
     /// The first unknown that it did not determine.
     pub undetermined: Option<Undetermined>,
@@ -225,14 +225,15 @@ pub(super) struct Common<T: Real> {
     pub window: [u16; 2],
     /// All unknowns are a solver's, and nothing is kept.
     pub is_whole: bool,
-    /// What a camera saw from a stop on is left out of the equations, to see what that changes.
+    /// Camera and stop from which on its sightings are left out of the equations, to see what that changes.
     pub left_out: Option<(usize, usize)>,
-    /// A camera that is off since some stop, and why that may be.
+    /// A camera that is off since some stop, and the possible reason.
     pub suspect: Option<Suspect<T>>,
 }
 
 impl<T: Real> Common<T> {
-    /// Returns true where all unknowns are a solver's. Without the feature the compiler leaves out what is for them.
+    /// Returns true where all unknowns are a solver's. Without the feature the compiler leaves out the code
+    /// for them.
     pub(super) fn is_whole(&self) -> bool {
         cfg!(feature = "solver") && self.is_whole
     }
@@ -279,7 +280,7 @@ pub(super) enum Told {
     Nothing,
     /// The equations, or less.
     Equations,
-    /// Of what is kept the factor.
+    /// The factor of the kept part.
     Factor,
     /// Covariances.
     Covariances,
@@ -292,12 +293,11 @@ pub(super) struct Suspect<T> {
     pub camera: u16,
     /// The first stop at which it is off.
     pub from: u16,
-    /// The leg that is left out to see whether that explains it, and what it was off as chi squared.
+    /// The leg that is left out to see whether that explains it, and its error as chi squared.
     pub leg: Option<(u16, T)>,
 }
 
-/// The numbers of an estimator, whatever its capacities: the mathematics exists once for all of
-/// them.
+/// The numbers of an estimator, whatever its capacities: the mathematics exists once for all of them.
 pub(super) struct Problem<'a, T: Real> {
     pub common: &'a mut Common<T>,
     pub stops: &'a mut [Stop<T>],
@@ -306,7 +306,7 @@ pub(super) struct Problem<'a, T: Real> {
     pub cameras: &'a mut [Unknown<T>],
     pub marks: &'a mut [Unknown<T>],
     pub workspace: &'a mut [T],
-    /// Of all unknowns together, instead of what is kept.
+    /// Solver of all unknowns together, instead of the kept ones.
     pub solver: Option<&'a mut dyn Solver<T>>,
 }
 
@@ -357,7 +357,7 @@ impl<T: Real> Unknown<T> {
         *own = heading;
     }
 
-    /// Of the lens the true tangent of a bearing over the measured one, less one.
+    /// The true tangent of a bearing over the measured one, less one, by the lens.
     pub(super) const fn lens(&self) -> T {
         let [_, _, _, lens, ..] = self.value;
         lens
@@ -395,7 +395,7 @@ impl<T: Real> Problem<'_, T> {
         self.common.optics.block()
     }
 
-    /// What is known of a camera's unknown beforehand, as a row of it alone: residual and weight.
+    /// The prior of a camera's unknown, as a row of it alone: residual and weight.
     pub(super) fn prior_of(&self, camera: usize, axis: usize) -> Option<(T, T)> {
         let Optics { lens, principal } = self.common.optics;
         let of = self.cameras.get(camera)?;
@@ -408,14 +408,14 @@ impl<T: Real> Problem<'_, T> {
         Some((value * weight, weight))
     }
 
-    /// Whether a sight of a camera is in the equations, as far as that is not its row's matter.
+    /// Returns true if a sight of a camera is in the equations, as far as its row does not decide that.
     pub(super) fn counts(&self, camera: usize, sight: &Sight<T>) -> bool {
         let is_left_out = { self.common.left_out }
             .is_some_and(|(of, from)| of == camera && usize::from(sight.stop) >= from);
         sight.standing == Standing::Counts && !is_left_out
     }
 
-    /// What a camera saw.
+    /// Sights of a camera.
     #[inline]
     pub(super) fn own(&self, camera: usize) -> Own<'_, T> {
         Own {
@@ -432,7 +432,7 @@ impl<T: Real> Problem<'_, T> {
         Some((n, *sight))
     }
 
-    /// Makes what each camera saw a list of its own.
+    /// Links the sights of each camera to a list.
     pub(super) fn link(&mut self) {
         for camera in self.cameras.iter_mut() {
             camera.last = NONE;
@@ -456,7 +456,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Where a camera is thought to be.
+    /// Estimated pose of a camera.
     pub(super) fn camera(&self, camera: usize) -> Option<Vector3<T>> {
         let unknown = self.cameras.get(camera)?;
         // References stand where the frame says, whatever their numbers hold.
@@ -468,12 +468,12 @@ impl<T: Real> Problem<'_, T> {
         Some(place.push(unknown.heading()))
     }
 
-    /// Whether a camera's bearings are used: it is a reference, or admitted.
+    /// Returns true if a camera's bearings are used: it is a reference, or admitted.
     pub(super) fn is_estimated(&self, camera: usize) -> bool {
         camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.takes_part)
     }
 
-    /// Whether a camera is what another one became when it was moved.
+    /// Returns true if a camera is the successor of one that was moved.
     pub(super) fn is_successor(&self, camera: usize) -> bool {
         let of = |other: &Unknown<T>| other.successor.map(usize::from) == Some(camera);
         self.cameras.iter().any(of)
@@ -483,7 +483,7 @@ impl<T: Real> Problem<'_, T> {
     /// leaves them out.
     pub(super) fn sort_moved(&mut self) {
         for sight in self.sights.iter_mut() {
-            // Nobody becomes who was there before, so this ends.
+            // No camera becomes one that was there before, so this ends.
             while let Some(camera) = self.cameras.get(usize::from(sight.camera))
                 && camera.moved.is_some_and(|from| sight.stop >= from)
             {
@@ -497,7 +497,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Cameras that seemed to be moved near this stop, or anywhere, were not: what they saw is their own
+    /// Cameras that seemed to be moved near this stop, or anywhere, were not: their sightings are their own
     /// again.
     pub(super) fn undo_moves(&mut self, near: Option<usize>) {
         for camera in 0..self.cameras.len() {
@@ -603,9 +603,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// A leg's two rows: how the carrier would have measured the way between the two places, less
-    /// how it did, whitened.
-    /// One that is excluded still ties its ends together, but loosely.
+    /// A leg's two rows: the carrier's expected measurement of the way between the two places, less its
+    /// actual one, whitened. An excluded one still ties its ends together, but loosely.
     pub(super) fn leg_rows(&self, later: usize) -> Option<[LegRow<T>; 2]> {
         let weight = self.leg_weight(later)?;
         let rows = self.leg_rows_of(later)?;
@@ -664,8 +663,7 @@ impl<T: Real> Problem<'_, T> {
         Some(((place.coords - mark.place()) * weight, weight))
     }
 
-    /// A displacement by dead reckoning: as the carrier measured it, less what is thought to be
-    /// wrong with it.
+    /// A displacement by dead reckoning: as the carrier measured it, less its estimated errors.
     pub(super) fn true_way(&self, displacement: Vector2<T>) -> Vector2<T> {
         let turned = plane::mul_conj(displacement, plane::unit(self.common.carrier.y));
         turned / self.common.carrier.x

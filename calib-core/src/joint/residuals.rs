@@ -1,7 +1,7 @@
-//! What the measurements say against the estimates, normalised.
+//! Residuals of the measurements against the estimates, normalised.
 //!
-//! A residual of a measurement that counts has the variance `1 - h` in units of its own, with the
-//! leverage `h = g^T C g` of its row `g`: the estimates have moved towards it. One that was left out
+//! A residual of a measurement that counts has the variance `1 - h` in units of its own, with the leverage
+//! `h = g^T C g` of its row `g`: the estimates have moved towards it. An excluded one
 //! has `1 + h`. `1 - h` is its redundancy number: the share of its error that shows in its residual.
 //! Where it is nearly zero nothing checks the measurement. Baarda, "A testing procedure for use in
 //! geodetic networks", 1968.
@@ -17,7 +17,7 @@ use crate::{Real, Refusal, numerics::real::lit};
 pub(super) const UNCHECKED: f64 = 0.02;
 /// The same of a leg: carriers may measure much better than cameras, and slip by much more than either errs.
 const UNCHECKED_LEG: f64 = 1e-3;
-/// What was left out and is closer to the estimates than this, in sigmas, is back in.
+/// An excluded measurement that is closer to the estimates than this, in sigmas, is back in.
 const READMITTED: f64 = 3.3;
 /// A camera whose first bearing after a move is closer than this, in sigmas, was moved later.
 const NOT_MOVED: f64 = 2.0;
@@ -113,8 +113,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The next measurement, from one on, that is left out: bearings are counted first, then the stops
-    /// that legs lead to. Of what a camera saw since it was moved only the first is looked at.
+    /// The next measurement, from one on, that is left out: bearings are counted first, then the stops that
+    /// legs lead to. Among the sightings of a moved camera only the first is looked at.
     pub(super) fn next_excluded(&self, from: usize) -> Option<usize> {
         let bearings = { self.sights.iter() }.map(|sight| match sight.standing {
             Standing::Distrusted => self.is_first_moved(sight),
@@ -125,8 +125,8 @@ impl<T: Real> Problem<'_, T> {
         numbered.find(|(_, looks)| *looks).map(|(n, _)| n)
     }
 
-    /// Whether this is where a camera was moved, as it was told, and there are more than it takes to tell
-    /// that.
+    /// Returns true if this is where a camera was moved, as it was told, and there are more bearings than it
+    /// takes to tell that.
     fn is_first_moved(&self, sight: &Sight<T>) -> bool {
         let camera = self.cameras.get(usize::from(sight.camera));
         let moved = self
@@ -139,7 +139,7 @@ impl<T: Real> Problem<'_, T> {
             && moved.count() > IN_A_ROW
     }
 
-    /// Puts back what was left out and agrees after all; whether it does.
+    /// Puts back an excluded measurement that agrees after all; returns true if it does.
     pub(super) fn readmit(&mut self, n: usize) -> bool {
         let Some(sight) = self.sights.get(n).copied() else {
             return self.readmit_leg(n.saturating_sub(self.sights.len()));

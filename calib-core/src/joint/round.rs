@@ -1,7 +1,7 @@
-//! A round of work in slices: solve, look at every measurement, leave out what contradicts, solve again.
+//! A round of work in slices: solve, look at every measurement, leave out contradictions, solve again.
 //!
-//! One slice is at most one pass over the measurements, so that who computes slowly can do something
-//! else in between.
+//! One slice is at most one pass over the measurements, so that a slow processor can do something else in
+//! between.
 
 use super::{
     Finding, JointError, JointSolution, descent::Settling, integrity::Survey, problem::Problem,
@@ -12,12 +12,12 @@ use crate::{Limits, Real, Refusal};
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
 
-/// What a round does once it has solved.
+/// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Round {
-    /// Looks for what contradicts, and leaves out so much at most. Zero does not look.
+    /// Looks for contradictions, and leaves out so many at most. Zero does not look.
     pub findings: usize,
     /// Estimates by how much the legs err more, or less, than they claim.
     pub leg_noise: bool,
@@ -25,7 +25,7 @@ pub struct Round {
     pub protection: bool,
 }
 
-/// How far a round is.
+/// Progress of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -38,16 +38,16 @@ pub enum Progress<T> {
     Over(JointSolution<T>),
 }
 
-/// What is under way.
+/// The work under way.
 #[derive(Clone, Debug)]
 pub(super) struct Work<T: Real> {
     stage: Stage<T>,
-    /// What is still to be done.
+    /// Tasks still to be done.
     round: Round,
     leg_noise_rounds: u8,
-    /// What was left out before the solve that is under way.
+    /// The finding that was left out before the solve that is under way.
     found: Option<Finding<T>>,
-    /// How the last solve ended.
+    /// Result of the last solve.
     solved: Result<JointSolution<T>, Refusal>,
 }
 
@@ -120,7 +120,7 @@ impl<T: Real> Work<T> {
                 Some(solved) => {
                     self.solved = solved;
                     match self.found.take() {
-                        // Told when it is known what agrees without it.
+                        // Told when it is known which measurements agree without it.
                         Some(found) => {
                             self.stage = Stage::Settled;
                             Ok(Progress::Found(problem.refined(found)))
@@ -149,7 +149,7 @@ impl<T: Real> Work<T> {
 
     fn after_solve(&mut self, problem: &mut Problem<'_, T>) -> Result<Progress<T>, JointError> {
         match self.solved {
-            // What contradicts may keep it from coming to an end.
+            // Contradictions may keep it from coming to an end.
             Err(Refusal::DidNotConverge) if self.round.findings > 0 => {}
             Err(why) => return Err(JointError::Solve(why)),
             Ok(solution) => {

@@ -1,6 +1,6 @@
 //! Where the passes begin: closed forms, no guess.
 //!
-//! What the two references saw together gives their headings and the place of one stop
+//! Sightings by both references together give their headings and the place of one stop
 //! ([`reference`](crate::reference)); dead reckoning gives all other stops. Both solutions of a
 //! pair of circles are tried where the reference solve cannot tell them apart.
 
@@ -38,7 +38,7 @@ const CLAIMED: f64 = 4.42;
 struct Start<T: Real> {
     headings: [T; 2],
     carrier: Vector2<T>,
-    /// Where the target was at this stop.
+    /// Place of the target at this stop.
     stop: usize,
     place: Point2<T>,
     /// Chi squared.
@@ -50,7 +50,7 @@ struct Start<T: Real> {
 pub(super) struct Starting<T: Real> {
     /// The first stop of those that are tried alone; none yet while all are.
     window: Option<usize>,
-    /// Which of [`TAKEN`] is tried.
+    /// The one of [`TAKEN`] that is tried.
     taken: usize,
     trial: Trial,
     best: Start<T>,
@@ -58,15 +58,15 @@ pub(super) struct Starting<T: Real> {
     descent: Descent<T>,
     /// Sigmas of scale and compass as they were told.
     told: [T; 2],
-    /// Why these stops give no start, for the first of [`TAKEN`].
+    /// Reason why these stops give no start, for the first of [`TAKEN`].
     failure: Option<Refusal>,
-    /// Why all stops together give none.
+    /// Reason why all stops together give none.
     why: Refusal,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Trial {
-    /// What does the reference solve say?
+    /// A reference solve is next.
     Proposing,
     Best,
     Other,
@@ -74,14 +74,14 @@ enum Trial {
     Better,
 }
 
-/// Whether scale and compass are taken from the priors. A carrier far off them has its own sightings
-/// against it: they tell scale and compass too.
+/// Use of the priors for scale and compass. A carrier far off them has its own sightings against it: they
+/// tell scale and compass too.
 const TAKEN: [[bool; 2]; 4] = [[true, true], [false, true], [true, false], [false; 2]];
 
 impl<T: Real> Problem<'_, T> {
-    /// Headings of the references, and places of all stops: from all that both references saw or, if
-    /// that contradicts itself, from any few stops in a row that agree. What is wrong elsewhere is
-    /// then found by those who look for it.
+    /// Headings of the references, and places of all stops: from all common sightings of both references or,
+    /// if these contradict each other, from any few stops in a row that agree. Faults elsewhere are then
+    /// found by the search for contradictions.
     pub(super) fn begin_starting(&mut self) -> Starting<T> {
         for camera in self.cameras.iter_mut() {
             camera.takes_part = false;
@@ -112,7 +112,7 @@ impl<T: Real> Problem<'_, T> {
     /// One reference solve, or one pass over the references' bearings.
     ///
     /// # Errors
-    /// Why the references' own sightings do not carry a start.
+    /// The reason why the references' own sightings do not carry a start.
     pub(super) fn step_start(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
         match self.step_trial(starting)? {
             Ok(()) => {
@@ -120,7 +120,7 @@ impl<T: Real> Problem<'_, T> {
                 Some(Ok(()))
             }
             Err(why) => {
-                // The reason that holds for what is known.
+                // The reason that holds for the known values.
                 starting.failure = starting.failure.or(Some(why));
                 starting.trial = Trial::Proposing;
                 starting.taken += 1;
@@ -369,7 +369,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// What the reference solve says: its best answer, and the one it cannot tell from it.
+    /// Proposals of the reference solve: its best answer, and the one that it cannot tell from it.
     #[inline(never)] // for less stack
     fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
         let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
@@ -439,7 +439,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Adds the leg to a stop, with what is not known of the carrier; whether there is one.
+    /// Adds the leg to a stop, with the unknown part of the carrier; returns true if there is one.
     fn add_leg(&self, number: usize, since: &mut Stop<T>) -> bool {
         let Some(stop) = self.stops.get(number).filter(|_| number > 0) else {
             return false;

@@ -1,8 +1,8 @@
 //! The R factor of a QR decomposition, kept packed and grown row by row.
 //!
-//! Rows are inserted by Givens rotations, so what is kept is never larger than the unknowns, however
-//! many rows there are. That is the square-root form: its condition is the root of that of the
-//! normal equations, which in single precision decides between an answer and none. Golub and Van
+//! Rows are inserted by Givens rotations, so the kept part is never larger than the unknowns, however many
+//! rows there are. That is the square-root form: its condition is the root of that of the normal equations,
+//! which in single precision decides between an answer and none. Golub and Van
 //! Loan, "Matrix Computations", 5.1.9 and 5.2.5; Bierman, "Factorization Methods for Discrete
 //! Sequential Estimation", 1977.
 
@@ -51,7 +51,7 @@ impl<'a, T: Real> Triangle<'a, T> {
         (i * (2 * self.width + 1)).saturating_sub(i * i) / 2
     }
 
-    /// Adds the equation `row`, right side last; what it held is used up.
+    /// Adds the equation `row`, right side last; `row` is used up.
     pub(super) fn insert(&mut self, row: &mut [T]) {
         let mut rest = &mut *self.rows;
         for j in 0..self.width.saturating_sub(1) {
@@ -66,7 +66,7 @@ impl<'a, T: Real> Triangle<'a, T> {
         }
     }
 
-    /// The right side, of what is determined.
+    /// The right side of the determined unknowns.
     pub(super) fn right_side(&self, right: &mut [T]) {
         for (i, to) in right.iter_mut().enumerate() {
             *to = self.row(i).last().copied().unwrap_or_else(T::zero);
@@ -80,7 +80,7 @@ impl<'a, T: Real> Triangle<'a, T> {
             if self.is_determined(i) {
                 continue;
             }
-            // What it says of the unknowns behind it stays.
+            // Its information about the unknowns behind it stays.
             row.fill(T::zero());
             let begin = self.begin(i);
             let own = self.rows.get_mut(begin..begin + self.width - i);
@@ -94,7 +94,7 @@ impl<'a, T: Real> Triangle<'a, T> {
         }
     }
 
-    /// Whether an unknown was dropped.
+    /// Returns true if an unknown was dropped.
     pub(super) fn has_dropped(&self) -> bool {
         let mut unknowns = 0..self.width.saturating_sub(1);
         unknowns.any(|i| self.row(i).first() == Some(&T::zero()))
@@ -140,7 +140,7 @@ impl<'a, T: Real> Triangle<'a, T> {
         }
     }
 
-    /// Whether the pivot of an unknown is more than rounding of what all rows say about it.
+    /// Returns true if the pivot of an unknown is more than the rounding of all rows' information about it.
     fn is_determined(&self, i: usize) -> bool {
         let square = |j: usize| {
             let entry = self.row(j).get(i.saturating_sub(j)).copied();
@@ -153,7 +153,7 @@ impl<'a, T: Real> Triangle<'a, T> {
     }
 }
 
-/// Turns two rows so that of `pivot`, which are numbers of both, the second one vanishes.
+/// Turns two rows so that the second one of `pivot`, which are numbers of both, vanishes.
 #[inline]
 pub(super) fn rotate<T: Real>([a, b]: [T; 2], own: &mut [T], row: &mut [T]) {
     if b == T::zero() {
@@ -215,7 +215,7 @@ mod tests {
         }
     }
 
-    /// Of the first two unknowns only the sum is measured: one is dropped, and nothing that was said of the
+    /// Only the sum of the first two unknowns is measured: one is dropped, and nothing that was said of the
     /// third is lost.
     #[test]
     fn an_unknown_that_is_not_determined_stays_where_it_is() {

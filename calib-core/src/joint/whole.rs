@@ -1,8 +1,8 @@
-//! All unknowns at once, by a solver of the caller's: for walks too long for what is kept to be held.
+//! All unknowns at once, by the caller's solver: for walks that are too long to hold the kept part.
 //!
-//! Rows are the same; what they make is sparse, and a solver that knows how to order and factor such equations
-//! takes memory like measurements, where what is kept takes the square of the stops. Unknowns are numbered
-//! like those that are kept, then camera after camera.
+//! Rows are the same; their equations are sparse. A solver that knows how to order and factor such equations
+//! takes memory like measurements, where the kept part takes the square of the stops. Unknowns are numbered
+//! like the kept ones, then camera after camera.
 
 use core::fmt;
 
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{Real, numerics::real::lit};
 
-/// Least squares over many unknowns, of which each row has few.
+/// Least squares over many unknowns, where each row has few of them.
 pub trait Solver<T: Real>: fmt::Debug {
     /// Forgets all rows. Unknowns come in groups that rows take together, of these sizes; those of the first group
     /// are in most rows.
@@ -32,7 +32,7 @@ pub trait Solver<T: Real>: fmt::Debug {
     /// Makes [`covariance`](Self::covariance) ready.
     fn invert(&mut self) -> Option<()>;
 
-    /// The covariance of two unknowns that one row has both of.
+    /// The covariance of two unknowns of one row.
     fn covariance(&self, i: usize, j: usize) -> Option<T>;
 
     /// Columns of the covariance, one behind the other: of so many unknowns from this one on.
@@ -67,7 +67,7 @@ impl<T: Real> Entries<T> {
         self.entries.get(..self.count).unwrap_or_default()
     }
 
-    /// The variance of what the estimates say of the row.
+    /// The variance that the estimates predict for the row.
     fn leverage(&self, solver: &dyn Solver<T>) -> Option<T> {
         self.product(self, solver)
     }
@@ -82,7 +82,7 @@ impl<T: Real> Entries<T> {
         Some(sum)
     }
 
-    /// What a column of the covariance makes of the row.
+    /// Product of a column of the covariance and the row.
     fn along(&self, column: &[T]) -> T {
         self.all().iter().fold(T::zero(), |sum, (i, by)| {
             sum + column.get(*i).copied().unwrap_or_else(T::zero) * *by
@@ -293,7 +293,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The variance of what the estimates say of a sight that was left out.
+    /// The variance that the estimates predict for an excluded sight.
     pub(super) fn whole_leverage(
         &mut self,
         camera: usize,
@@ -357,7 +357,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// For a test of a camera's last sights: the covariance of its unknowns, and with each of its sights' lines
-    /// what a place and they have in common.
+    /// the common error of a place and these.
     pub(super) fn whole_inner(&mut self, camera: usize) -> Option<Block<T>> {
         self.with_solver(|problem, solver| {
             let unknowns = problem.unknowns();

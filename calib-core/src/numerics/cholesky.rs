@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::Real;
 
-/// The factor `L` of `L L^T`, in the lower triangle. What is above it means nothing.
+/// The factor `L` of `L L^T`, in the lower triangle. The numbers above it mean nothing.
 pub(crate) struct Cholesky<T: Real, const N: usize>(SMatrix<T, N, N>);
 
 impl<T: Real, const N: usize> Cholesky<T, N> {
@@ -45,7 +45,7 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
     }
 }
 
-/// Column by column, each less what the columns before it explain.
+/// Column by column, each less the part that the columns before it explain.
 #[inline(never)]
 pub(crate) fn factor<T: Real>(matrix: &mut [T], n: usize) -> Option<()> {
     for k in 0..n {

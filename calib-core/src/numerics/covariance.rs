@@ -1,4 +1,4 @@
-//! Whether a matrix can be a covariance.
+//! Test of a matrix for being a covariance.
 
 use nalgebra::SMatrix;
 

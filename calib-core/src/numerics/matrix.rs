@@ -1,6 +1,6 @@
 //! Products of vectors and small matrices, by their numbers: a matrix's by columns.
 //!
-//! They add up in the order in which nalgebra does, so that which of both is used changes no bit.
+//! They add up in the order in which nalgebra does, so that the choice between both changes no bit.
 
 use crate::Real;
 

@@ -1,4 +1,4 @@
-//! What the solvers are made of: numbers, angles, small systems of equations, and candidates.
+//! Parts of the solvers: numbers, angles, small systems of equations, and candidates.
 //!
 //! | module | job |
 //! |---|---|
@@ -12,9 +12,8 @@
 //! | `subsets` | pairs and triples of observations |
 //! | `ranking` | the few best of many candidates |
 //!
-//! What works on matrices works on their numbers, of any size: a node has the code once instead of
-//! once for each number of unknowns. All of it is deterministic; nothing depends on the order of
-//! anything but the input.
+//! Functions of matrices work on their numbers, of any size: a node has the code once instead of once for
+//! each number of unknowns. All of it is deterministic; it depends on the order of the input only.
 
 pub mod angle;
 pub(crate) mod cholesky;

@@ -13,7 +13,7 @@ impl<T: Real, V: Copy, const N: usize> Ranking<T, V, N> {
         Self { places: [None; N] }
     }
 
-    /// What a cost must be below to get a place, once all are taken.
+    /// The cost that a new one must be below to get a place, once all are taken.
     pub(crate) fn limit(&self) -> Option<T> {
         self.places.last()?.as_ref().map(|(cost, _)| *cost)
     }

@@ -14,7 +14,7 @@ pub trait Real: RealField + Copy {
 impl Real for f32 {
     /// In single precision throughout: libraries compute these in double precision, which a
     /// Cortex-M4F has to emulate. Off by no more than 1e-7, from
-    /// 10,000 on by what the angle's last digit is worth.
+    /// 10,000 on by the worth of the angle's last digit.
     #[inline(never)] // for less flash
     fn sine_cosine(self) -> (Self, Self) {
         // A quarter turn in parts so short that their multiples up to 8192 are exact (reduction
@@ -65,8 +65,8 @@ pub fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)
 }
 
-/// A variance, or zero if it is below: by rounding, or because a difference of covariances is none.
-/// What is not a number stays so, where `max` would make it zero.
+/// A variance, or zero if it is below: by rounding, or because a difference of covariances is none. A value
+/// that is not a number stays so, where `max` would make it zero.
 #[inline(always)]
 pub(crate) fn at_least_zero<T: Real>(variance: T) -> T {
     if variance < T::zero() {
@@ -76,8 +76,8 @@ pub(crate) fn at_least_zero<T: Real>(variance: T) -> T {
     }
 }
 
-/// The standard deviation of a variance. Of what is not a number there is none: zero would be the
-/// best of all.
+/// The standard deviation of a variance. A variance that is not a number has none: zero would be the best of
+/// all.
 pub(crate) fn root<T: Real>(variance: T) -> T {
     at_least_zero(variance).sqrt()
 }

@@ -35,7 +35,7 @@ const TRIAL_HEADINGS: u32 = 24;
 /// The candidates that fit all stops best.
 ///
 /// # Errors
-/// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
+/// The reason why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
 /// behind a camera.
 #[inline(never)] // for less stack
 pub(super) fn propose<T: Real>(
@@ -105,7 +105,7 @@ impl<T: Real> Best<'_, T> {
     }
 
     /// # Errors
-    /// Why the last refused triple was.
+    /// The reason why the last refused triple was.
     fn offer_resections(&mut self) -> Result<(), Refusal> {
         let known = self.problem.known;
         let mut result = Ok(());
@@ -199,8 +199,8 @@ fn meet<T: Real>(
     })
 }
 
-/// Of the two arcs over a leg, the one from which the rays point at the stops and not away from
-/// them: the ranges along both rays have the same sign, and turning the camera makes it positive.
+/// The one of the two arcs over a leg from which the rays point at the stops and not away from them: the
+/// ranges along both rays have the same sign, and turning the camera makes it positive.
 fn in_front<T: Real>(
     from: Ray<T>,
     to: Ray<T>,
@@ -282,7 +282,7 @@ mod tests {
         }
     }
 
-    /// Of cameras that see no angle between their rays the circles are lines.
+    /// For cameras that see no angle between their rays the circles are lines.
     #[test]
     fn lines_meet_where_they_cross() {
         let crossing = Vector2::new(3.0, -2.0);

@@ -9,7 +9,7 @@
 //! # Why not the thesis's equations
 //! The six residuals in print (kept in this crate's tests) determine four of their six unknowns only: the
 //! measured displacement has cancelled from them, so every pair of headings solves them perfectly.
-//! Here the displacement is what it was measured for. Bearings of `n` stops are `2 n` equations;
+//! Here the displacement serves its purpose. Bearings of `n` stops are `2 n` equations;
 //!
 //! | known | unknown | stops |
 //! |---|---|---|
@@ -18,16 +18,15 @@
 //! | neither (the displacements give the scale) | 6 | 3 |
 //!
 //! # How
-//! Closed forms propose candidates, so nobody guesses: two circles for each pair of stops, or two
-//! resections for each triple. Those with the least residuals are refined by least squares
-//! ([`Method`]) over all stops.
+//! Closed forms propose candidates, so no guess is needed: two circles for each pair of stops, or two
+//! resections for each triple. Those with the least residuals are refined by least squares ([`Method`]) over
+//! all stops.
 //!
 //! # Uncertainty
-//! The covariance follows from the bearings' sigmas and the displacements' covariances. A stop's
-//! place relative to the first counts as uncertain by the *sum* of the displacements' covariances
-//! up to it; that both cameras see the same displaced target is taken into account, that the next
-//! stops carry the same error on is not. With long chains of poor displacements the result is
-//! therefore somewhat too sure. Where two answers merge, or noise makes the circles of two stops
+//! The covariance follows from the bearings' sigmas and the displacements' covariances. A stop's place
+//! relative to the first counts as uncertain by the *sum* of the displacements' covariances up to it. The
+//! result takes into account that both cameras see the same displaced target. It does not take into account
+//! that the next stops carry the same error on. With long chains of poor displacements the result is
 //! miss each other, the prediction is bounded by the profile of the cost instead of its slope.
 
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2, Vector3, Vector6};
@@ -75,7 +74,7 @@ impl<T: Real> Stop<T> {
     }
 }
 
-/// What of the frame is known beforehand; see the [table](crate::reference#why-not-the-thesiss-equations).
+/// Known parts of the frame; see the [table](crate::reference#why-not-the-thesiss-equations).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -87,7 +86,7 @@ pub struct Known<T> {
     pub frame_heading: Option<T>,
 }
 
-/// How far the refinement of a candidate goes.
+/// Extent of the refinement of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -108,20 +107,20 @@ impl Default for ReferenceSettings {
     }
 }
 
-/// Where both cameras look, and where the target stood first.
+/// Headings of both cameras, and the first place of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceSolution<T: Real> {
     /// Headings of camera 0 and camera 1 against the baseline, radians in `[0, 2 pi)`.
     pub headings: [T; 2],
-    /// Where the target stood at the first stop.
+    /// Place of the target at the first stop.
     pub first_stop: Point2<T>,
     /// Direction of the displacements' x axis against the baseline, radians in `[0, 2 pi)`.
     pub frame_heading: T,
     /// Distance between the cameras.
     pub baseline: T,
     /// Covariance of `(heading 0, heading 1, first x, first y, frame heading, baseline)`. Rows and
-    /// columns of what was known are zero.
+    /// columns of known values are zero.
     pub covariance: Matrix6<T>,
     /// Sum of the squared residuals, each over its variance.
     pub chi_squared: T,
@@ -237,7 +236,7 @@ pub struct ReferenceOutcome<T: Real> {
     /// A different one that is not ruled out: its chi squared is above the best one's by less than
     /// the [limit](one_in_a_thousand) of one degree of freedom. One more stop, or a glance at the scene, decides.
     pub alternative: Option<ReferenceSolution<T>>,
-    /// How many different, physically possible answers the candidates led to.
+    /// Number of different, physically possible answers that the candidates led to.
     pub candidates: usize,
 }
 
@@ -248,7 +247,7 @@ pub struct ReferenceOutcome<T: Real> {
 /// [`Refusal::CoincidentTargets`] when the target did not move; [`Refusal::TargetBehind`] when no
 /// candidate has the target in front of both cameras; [`Refusal::DidNotConverge`];
 /// [`Refusal::Undetermined`].
-// Inlined, and the settings passed on by value: what no caller names is then not linked.
+// Inlined, and the settings passed on by value: parts that no caller names are then not linked.
 #[inline]
 pub fn solve<T: Real>(
     stops: &[Stop<T>],
@@ -309,8 +308,8 @@ fn outcome<T: Real>(
     })
 }
 
-/// What tells one answer from another. The answer itself is computed again from its start, which
-/// takes time once instead of stack always.
+/// Numbers that tell one answer from another. The answer itself is computed again from its start, which takes
+/// time once instead of stack always.
 #[derive(Clone, Copy)]
 struct Found<T: Real> {
     start: Vector6<T>,
@@ -366,7 +365,7 @@ fn refine<T: Real>(
     }
     let mut covariance = walk.covariance().ok_or(Refusal::Undetermined)?;
     let condition = condition(&walk.hessian, &covariance);
-    // Twice the digits of the scalar are gone: what is left is noise.
+    // Twice the digits of the scalar are gone: the rest is noise.
     if !(condition < T::one() / T::default_epsilon()) {
         return Err(Refusal::Undetermined);
     }
@@ -388,8 +387,8 @@ fn refine<T: Real>(
     })
 }
 
-/// Whether two refined answers are one minimum: they differ by no more than where an iteration
-/// may stop short, and rounding.
+/// Returns true if two refined answers are one minimum: they differ by no more than where an iteration may
+/// stop short, and rounding.
 fn is_same<T: Real>(a: &Found<T>, b: &Found<T>) -> bool {
     let difference = a.unknowns - b.unknowns;
     let angles = [difference.x, difference.y, difference.a].map(|d| angle::wrap_signed(d).abs());
@@ -489,7 +488,7 @@ mod tests {
         }
     }
 
-    /// What is known has no sigma; the digits of a scene of some size are left, and no more.
+    /// A known quantity has no sigma; the digits of a scene of some size are left, and no more.
     #[test]
     fn answers_without_sigmas_are_one_but_for_rounding() {
         let exact = |unknowns| Found {

@@ -1,7 +1,7 @@
 //! The least-squares problem behind the reference solve.
 //!
-//! Unknowns `x = (heading 0, heading 1, first x, first y, frame heading, baseline)`, always six;
-//! what is known keeps its value because its derivatives are left out.
+//! Unknowns `x = (heading 0, heading 1, first x, first y, frame heading, baseline)`, always six; a known one
+//! keeps its value because its derivatives are left out.
 
 use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
 
@@ -18,7 +18,7 @@ use crate::{
 pub(super) struct Bearings<'a, T: Real> {
     pub stops: &'a [Stop<T>],
     pub known: &'a Known<T>,
-    /// One for what is solved for, zero for what is known.
+    /// One for an unknown that is solved for, zero for a known one.
     free: Vector6<T>,
 }
 
@@ -83,7 +83,7 @@ impl<'a, T: Real> Bearings<'a, T> {
         (2 * self.stops.len()).saturating_sub(unknowns)
     }
 
-    /// Clears the rows and columns of what is known.
+    /// Clears the rows and columns of the known ones.
     pub(super) fn keep_free(&self, covariance: &mut Matrix6<T>) {
         let columns = covariance.as_mut_slice().as_chunks_mut::<6>().0.iter_mut();
         for (column, is_free) in columns.zip(self.free.iter()) {
@@ -93,7 +93,7 @@ impl<'a, T: Real> Bearings<'a, T> {
         }
     }
 
-    /// Whether every ray of both cameras points towards its stop, not away from it.
+    /// Returns true if every ray of both cameras points towards its stop, not away from it.
     pub(super) fn all_in_front(&self, x: &Vector6<T>) -> bool {
         self.sights(x).all(|sight| {
             sight
@@ -203,7 +203,7 @@ impl<T: Real> Problem<T> for Bearings<'_, T> {
                 model.add(residual, slope.as_slice(), T::one());
             }
         }
-        // What is known has no derivative; a unit diagonal keeps the matrix invertible.
+        // A known one has no derivative; a unit diagonal keeps the matrix invertible.
         for (entry, free) in model.diagonal_mut().zip(self.free.iter()) {
             *entry += T::one() - *free;
         }

@@ -18,7 +18,7 @@ use crate::{
     },
 };
 
-/// Shortens the covariance's weakest direction to what the profile of the cost allows.
+/// Shortens the covariance's weakest direction to the length that the profile of the cost allows.
 #[inline(never)] // for less stack
 pub(super) fn bound<T: Real>(
     problem: &Bearings<'_, T>,
@@ -86,7 +86,7 @@ fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
 /// The unit vector along another one; none along zero.
 fn normalised<T: Real>(mut vector: Vector6<T>) -> Option<Vector6<T>> {
     let length = dot(vector.as_slice(), vector.as_slice()).sqrt();
-    // Also none along what is not a number.
+    // Also none along a vector that is not a number.
     if !(length > T::zero()) {
         return None;
     }
@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    /// What is known has no variance, and keeps none.
+    /// A known quantity has no variance, and keeps none.
     #[test]
     fn nothing_is_not_shortened() {
         let mut covariance = Matrix6::<f64>::zeros();
@@ -175,8 +175,8 @@ mod tests {
         assert_eq!(covariance, Matrix6::zeros());
     }
 
-    /// Where a covariance claims far too much along one unknown, it is left what the search by
-    /// quarters ends at, and its other unknowns keep theirs.
+    /// Where a covariance claims far too much along one unknown, this unknown keeps what the search by
+    /// quarters ends at, and the other unknowns keep theirs.
     #[test]
     fn a_claim_that_the_cost_refutes_is_shortened_to_a_step_of_the_search() {
         let places = [(2.0, 3.0), (4.0, 2.5), (3.0, 4.5)];

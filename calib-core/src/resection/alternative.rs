@@ -11,9 +11,9 @@ use crate::{
     },
 };
 
-/// How many sigmas off another place is looked for.
+/// Distance at which another place is looked for, in sigmas.
 const FAR: f64 = 5.0;
-/// By how much chi squared may rise up to there: three sigmas, squared.
+/// The most that chi squared may rise up to there: three sigmas, squared.
 const RISE: f64 = 9.0;
 /// Looks on the way around the circle into the valley of the cost.
 const LOOKS: usize = 4;
@@ -33,14 +33,13 @@ const LONGEST_STEP: f64 = 0.7;
 /// Nearer to a target than its own sigma, a pose has no linear prediction at all; then the alternative
 /// is the place of that target.
 ///
-/// `pose` is the one that fits the sightings, as [`solve`](super::solve) gives it; `sigma`
-/// what is claimed, [`Pose::sigma_position`] unless more is known of it, as for places that
-/// [err together](crate::dead_reckoning::correlate). What is `dropped` does not count; an empty
-/// slice drops none.
+/// `pose` is the one that fits the sightings, as [`solve`](super::solve) gives it; `sigma` is the claimed
+/// one, [`Pose::sigma_position`] unless more is known of it, as for places that [err
+/// together](crate::dead_reckoning::correlate). `dropped` sightings do not count; an empty slice drops none.
 ///
-/// Of poses that claim less than a tenth of the range and are more than four sigmas off, in random
-/// scenes near the danger circle and among clustered targets, 99 % have an alternative; of those that
-/// are right, one in a thousand (`tests/it/alternative.rs`).
+/// The figures are of random scenes near the danger circle and among clustered targets. Poses that claim less
+/// than a tenth of the range and are more than four sigmas off have an alternative in 99 % of cases; right
+/// ones in one of a thousand (`tests/it/alternative.rs`).
 ///
 /// # Example
 /// ```
@@ -125,7 +124,7 @@ impl<T: Real> Circle<'_, T> {
         for sighting in kept(self.sightings, self.dropped) {
             let to_target = sighting.target - place;
             let row = Row::new(sighting, to_target);
-            // The heading that this sighting alone asks for, against what the first one does.
+            // The heading that this sighting alone asks for, against that of the first one.
             let heading = mul_conj(to_target, sighting.ray.vector());
             let reference = *first.get_or_insert(heading);
             let residual = cross(reference, heading).atan2(dot(reference, heading));
@@ -137,7 +136,7 @@ impl<T: Real> Circle<'_, T> {
             rs += row.weight * residual * slope;
             ss += row.weight * slope * slope;
         }
-        // Less what the best heading explains.
+        // Less the part that the best heading explains.
         View {
             cost: rr - r * r / w,
             gradient: rs - r * s / w,
@@ -151,7 +150,7 @@ fn weakest_direction<T: Real>(pose: &Pose<T>) -> Vector2<T> {
     let c = &pose.covariance;
     let half = (c.m11 - c.m22) * lit(0.5);
     let radius = root(half * half + c.m12 * c.m12);
-    // Of the two vectors along it, the one that is no small difference.
+    // The one of the two vectors along it that is no small difference.
     let along = if half >= T::zero() {
         Vector2::new(half + radius, c.m12)
     } else {

@@ -1,4 +1,4 @@
-//! What sightings tell about a pose, whatever they turn out to be.
+//! Information of sightings about a pose, whatever they turn out to be.
 
 use nalgebra::{ComplexField, Matrix3, Point2, Vector2, Vector3};
 
@@ -13,7 +13,7 @@ use crate::{
     },
 };
 
-/// How a sighting counts in a least squares fit.
+/// Part of a sighting in a least squares fit.
 pub(crate) struct Row<T: Real> {
     /// Derivatives of world bearing minus heading by x, y, heading.
     pub slope: Vector3<T>,
@@ -96,24 +96,23 @@ pub(crate) fn covariance<T: Real>(
     Ok(covariance)
 }
 
-/// What one sighting tells a camera that stands at `position` about its `(x, y, heading)`: its Fisher
-/// information. Sums of it, inverted, are the covariance that [`predict`] gives.
+/// Fisher information of one sighting about the `(x, y, heading)` of a camera that stands at `position`. Sums
+/// of it, inverted, are the covariance that [`predict`] gives.
 ///
-/// Of the sighting, the place and the sigmas count, as in `predict`. Not finite for a target right on
-/// the camera, or for an unusable number.
+/// Only the place and the sigmas of the sighting count, as in `predict`. Not finite for a target right on the
+/// camera, or for an unusable number.
 #[must_use]
 pub fn information<T: Real>(position: Point2<T>, sighting: &Sighting<T>) -> Matrix3<T> {
     let Row { slope, weight } = Row::new(sighting, sighting.target - position);
     slope * slope.transpose() * weight
 }
 
-/// The pose of a camera known to stand at `position` and to look along `heading`, with the
-/// covariance that these sightings would give it: the Cramer-Rao bound, in which no noise has a
-/// part.
+/// The pose of a camera known to stand at `position` and to look along `heading`, with the covariance that
+/// these sightings would give it: the Cramer-Rao bound, in which no noise has a part.
 ///
-/// Tells beforehand what stops are worth, and whether one more is worth the walk. Of the
-/// sightings, the places and sigmas count; [`Ray::towards`](crate::Ray::towards) makes rays for
-/// stops not yet seen. Whether the camera would see them is not asked.
+/// Tells beforehand what stops are worth, and whether one more is worth the walk. Only the places and sigmas
+/// of the sightings count; [`Ray::towards`](crate::Ray::towards) makes rays for stops not yet seen. It does
+/// not check that the camera would see them.
 ///
 /// # Errors
 /// [`Refusal::TooFew`] below three; [`Refusal::NotFinite`] for an unusable number or a target

@@ -45,7 +45,7 @@ fn compare<T: Real>(sighting: &Sighting<T>, position: Point2<T>, heading: T) -> 
     }
 }
 
-/// How many sigmas, squared, a sighting is off a pose.
+/// Squared distance of a sighting from a pose, in sigmas.
 pub(super) fn squared_sigmas<T: Real>(sighting: &Sighting<T>, pose: &Pose<T>) -> T {
     let c = compare(sighting, pose.position, pose.heading);
     c.residual * c.residual * c.weight
@@ -129,15 +129,15 @@ pub(super) fn triples<T: Real>(
         .filter_map(|[i, j, k]| Some([*sightings.get(i)?, *sightings.get(j)?, *sightings.get(k)?]))
 }
 
-/// Least squares over all sightings, from the triple whose pose explains all of them best; from
-/// the next best ones should that fail.
+/// Least squares over all sightings, from the triple whose pose explains all of them best; if that fails,
+/// from the next best ones.
 ///
 /// Best is the least sum of absolute residuals: a triple in poor geometry, or with a wild
 /// sighting in it, predicts the others badly. Its own predicted sigma would be a bad judge, since
 /// noise that puts the camera right beside a target makes it small.
 ///
 /// # Errors
-/// What the triples were refused for, if all were; otherwise why the last start failed.
+/// The reason why the triples were refused, if all were; otherwise why the last start failed.
 pub(super) fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, Refusal> {
     let mut starts = Ranking::<_, _, 3>::new();
     let mut refusal = None;

@@ -1,7 +1,7 @@
 //! Do the sightings fit the lens that made their rays?
 //!
-//! A lens whose focal length is not what it is taken for stretches all tangents (pin-hole) or all
-//! angles (equal angles) by one factor. Three sightings fit any factor; the fourth tells. The factor is a fourth
+//! A lens whose focal length is not what it is taken for stretches all tangents (pin-hole) or all angles
+//! (equal angles) by one factor. Three sightings fit any factor; the fourth tells. The factor is a fourth
 //! unknown beside `(x, y, heading)`, with a prior around one.
 
 use nalgebra::Vector3;
@@ -21,8 +21,7 @@ use crate::{
     },
 };
 
-/// Standard deviation of a focal length, relative to it, where nobody measured it: that of data
-/// sheets.
+/// Standard deviation of a focal length, relative to it, where it was not measured: that of data sheets.
 pub const USUAL_LENS_SIGMA: f64 = 0.02;
 
 /// Rounds of "stretch the rays, solve again". Two or three are usual.
@@ -46,7 +45,7 @@ pub struct LensFit<T> {
 }
 
 impl<T: Real> LensFit<T> {
-    /// Whether the lens is not what it is taken for: only one in a thousand right ones would seem to
+    /// Returns true if the lens is not what it is taken for: only one in a thousand right ones would seem to
     /// be off as much.
     pub fn is_off(&self) -> bool {
         self.misfit > one_in_a_thousand(1)
@@ -66,8 +65,8 @@ impl<T: Real> Ray<T> {
         }
     }
 
-    /// What another projection, of as many columns over as wide a field of view, makes of the ray's
-    /// column. `half_view` is half of that, radians.
+    /// The ray for the same column by another projection, of as many columns over as wide a field of view.
+    /// `half_view` is half of that, radians.
     #[must_use]
     pub fn decoded(self, from: Projection, to: Projection, half_view: T) -> Self {
         match (from, to) {
@@ -92,12 +91,12 @@ impl<T: Real> Ray<T> {
     }
 }
 
-/// How well the lens fits the sightings beside their pose, to first order: exact enough to tell
-/// whether it does. [`solve_with_lens`] finds the pose that goes with it.
+/// Fit of the lens to the sightings beside their pose, to first order: exact enough to tell if it fits.
+/// [`solve_with_lens`] finds the pose that goes with it.
 ///
 /// `pose` is the one that fits the sightings, as [`solve`](super::solve) gives it. `prior_sigma` is
-/// that of the focal length, relative, see [`USUAL_LENS_SIGMA`]. What is `dropped` does not count;
-/// an empty slice drops none. `None` for fewer than four sightings, which cannot tell.
+/// that of the focal length, relative, see [`USUAL_LENS_SIGMA`]. `dropped` sightings do not count; an empty
+/// slice drops none. `None` for fewer than four sightings, which cannot tell.
 pub fn lens_fit<T: Real>(
     sightings: &[Sighting<T>],
     dropped: &[bool],
@@ -109,7 +108,7 @@ pub fn lens_fit<T: Real>(
     Some(view.fit(prior_sigma, T::zero()))
 }
 
-/// What the sightings tell about the stretch once the pose has taken its part.
+/// Information of the sightings about the stretch once the pose has taken its part.
 struct LensView<T: Real> {
     /// Zero where rounding leaves none.
     information: T,
@@ -168,8 +167,8 @@ impl<T: Real> LensView<T> {
     }
 }
 
-/// The pose with the lens as a fourth unknown, from four or more sightings. Their rays are changed to what that
-/// lens would have made of them.
+/// The pose with the lens as a fourth unknown, from four or more sightings. Their rays are changed to those
+/// of that lens.
 ///
 /// The pose's covariance contains the lens's uncertainty, chi squared that of the prior: it still has
 /// as many degrees of freedom as there are sightings beyond three.
@@ -242,7 +241,7 @@ pub fn solve_with_lens<T: Real>(
 
 /// Sightings that tell another lens from one wrong sighting: a pose, a lens, and one beyond.
 const WITNESSED: usize = 5;
-/// Of a lens of which nothing is known.
+/// Relative sigma of a lens of which nothing is known.
 const ANY_LENS_SIGMA: f64 = 0.2;
 /// A right lens is worse than the best one by more once in 100,000: 4.42 sigmas.
 const NOT_CHANCE: f64 = 19.5;
@@ -250,7 +249,7 @@ const NOT_CHANCE: f64 = 19.5;
 /// A lens that fits the sightings, where the one that was given does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OtherLens<T: Real> {
-    /// How it spreads directions.
+    /// Its projection.
     pub projection: Projection,
     /// From the centre of the first column to that of the last one, radians.
     pub field_of_view: T,
@@ -258,10 +257,9 @@ pub struct OtherLens<T: Real> {
     pub solution: Solution<T>,
 }
 
-/// The lens that fits sightings of one camera where the lens that decoded them, of this projection
-/// and field of view (radians), does not: chi squared is less than with that by more than chance takes
-/// off in one of 100,000, and is believable. Another projection has to be better than another
-/// width, too.
+/// The lens that fits sightings of one camera where the lens that decoded them, of this projection and field
+/// of view (radians), does not. Its chi squared is less than with that lens, by more than chance takes off in
+/// one of 100,000, and is believable. Another projection has to be better than another width, too.
 ///
 /// `None` where the given one fits, no lens does, or fewer than five sightings could not tell a lens
 /// from one wrong sighting. `sightings` may be made again and again, for which `scratch` is room.

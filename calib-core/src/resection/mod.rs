@@ -12,12 +12,12 @@
 //! `r_i^2`. Errors of different sightings count as independent. Those of dead-reckoned stops are
 //! not: [`correlate`](crate::dead_reckoning::correlate) then gives the covariance.
 //!
-//! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
-//! sightings leave none. [`Solution::fit`] tells whether the prediction was believable. It holds as
-//! far as bearings change in proportion to places; [`alternative()`] tells where they do not.
-//! Nor does it know of a wrong lens: [`lens_fit`] asks the sightings, [`solve_with_lens`] corrects it,
-//! [`other_lens`] names the one that fits.
-//! [`predict`] gives the covariance before anything is seen, [`information()`] what one sighting adds.
+//! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three sightings leave
+//! none. [`Solution::fit`] tells whether the prediction was believable. It holds as far as bearings change in
+//! proportion to places; [`alternative()`] tells where they do not. The covariance does not know of a wrong
+//! lens either: [`lens_fit`] asks the sightings, [`solve_with_lens`] corrects it, [`other_lens`] names the
+//! one that fits. [`predict`] gives the covariance before anything is seen, [`information()`] the part that
+//! one sighting adds.
 
 use crate::{Pose, Real, Refusal, Sighting, fit::Fit};
 
@@ -32,14 +32,14 @@ pub use alternative::alternative;
 pub use information::{information, predict};
 pub use lens::{LensFit, OtherLens, USUAL_LENS_SIGMA, lens_fit, other_lens, solve_with_lens};
 
-/// A pose, and how it came about.
+/// A pose, and its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Solution<T: Real> {
     /// Where the camera is and looks, with the predicted covariance.
     pub pose: Pose<T>,
-    /// How many sightings it rests on; those that were left out do not count.
+    /// Number of sightings that it rests on; those that were left out do not count.
     pub used: usize,
     /// Sum of the squared residuals, each over its variance. About
     /// [`degrees_of_freedom`](Solution::degrees_of_freedom) when the sigmas are right; much more
@@ -67,8 +67,8 @@ impl<T: Real> Solution<T> {
 /// The pose from three or more sightings: closed form for three, least squares for more.
 ///
 /// # Errors
-/// [`Refusal::TooFew`] below three; [`Refusal::NotFinite`] for an unusable number; otherwise what
-/// the geometry was refused for.
+/// [`Refusal::TooFew`] below three; [`Refusal::NotFinite`] for an unusable number; otherwise the reason why
+/// the geometry was refused.
 pub fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, Refusal> {
     check(sightings)?;
     match sightings {
@@ -85,9 +85,9 @@ pub fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, Refusal>
 /// [`solve`], leaving out sightings that lie more than `gate` sigmas off the pose on which most of
 /// the others agree. 3 to 5 are usual gates.
 ///
-/// `dropped` must be as long as `sightings`; it reports which were left out. Three sightings
-/// cannot contradict each other and are solved as they are. Of four, one wrong one is noticed but
-/// cannot be told from the others ([`Refusal::Inconsistent`]); from five on it is found.
+/// `dropped` must be as long as `sightings`; it reports which were left out. Three sightings cannot
+/// contradict each other and are solved as they are. One wrong one among four is noticed but cannot be told
+/// from the others ([`Refusal::Inconsistent`]); from five on it is found.
 ///
 /// # Errors
 /// As [`solve`]; [`Refusal::Inconsistent`] when fewer than four agree, or not more than half;

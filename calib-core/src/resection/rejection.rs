@@ -8,7 +8,7 @@ const ROUND_LIMIT: usize = 10;
 /// Three sightings always agree with the pose computed from them; a fourth is a witness.
 const SMALLEST_CONSENSUS: usize = 4;
 
-/// The pose on which most sightings agree, and in `dropped` which do not.
+/// The pose on which most sightings agree; marks in `dropped` those that do not.
 ///
 /// Each triple proposes a pose; the proposal with the least sum of squared residuals, each
 /// limited to the gate's (MSAC: Torr and Zisserman, CVIU 78(1), 2000), is refined on the
@@ -56,7 +56,7 @@ pub(super) fn solve<T: Real>(
     Err(Refusal::Inconsistent)
 }
 
-/// Marks what lies outside the gate; how many do, and whether any mark changed.
+/// Marks sightings outside the gate; returns their number, and true if any mark changed.
 fn mark<T: Real>(
     sightings: &[Sighting<T>],
     pose: &Pose<T>,

@@ -112,8 +112,8 @@ pub fn fix<T: Real>(sightings: &[Sighting<T>; 3]) -> Result<Fix<T>, Refusal> {
     let z2 = dot(z, z);
     let minus_cz = z * minus_c;
 
-    // In front means a positive range along the ray. Of the second target it always is; of the
-    // others it has the sign of these, of which the common positive factors are left out.
+    // In front means a positive range along the ray. That of the second target always is positive; those of
+    // the others have the sign of these numbers, of which the common positive factors are left out.
     let c2 = minus_c * minus_c;
     let front1 = c2 * m12.x + dot(minus_cz, to_b1);
     let front3 = c2 * m23.x + dot(minus_cz, to_b3);
@@ -121,7 +121,7 @@ pub fn fix<T: Real>(sightings: &[Sighting<T>; 3]) -> Result<Fix<T>, Refusal> {
     // Two equal targets make their ranges zero; of these two only up to rounding.
     let apart = s1.target != s3.target;
 
-    // What rounding of the rays alone puts into Z. Below it no digit is left.
+    // The effect of the rays' rounding alone on Z. Below it no digit is left.
     let noise = lit::<T>(24.0) * T::default_epsilon();
     let noise2 =
         (dot(to_b1, to_b1) * dot(m23, m23) + dot(to_b3, to_b3) * dot(m12, m12)) * (noise * noise);

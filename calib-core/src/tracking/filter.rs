@@ -1,4 +1,4 @@
-//! One object: place, velocity, and what its errors share with those of the cameras' poses.
+//! One object: place, velocity, and its common errors with the cameras' poses.
 
 use nalgebra::{Matrix2, Matrix4, Matrix4x3, Point2, SMatrix, SVector, Vector2, Vector3, Vector4};
 
@@ -10,8 +10,8 @@ use crate::{
     resection::information::slope,
 };
 
-/// Cameras of which an object remembers how far its place errs with theirs. Of more, the one that was
-/// not heard for longest counts as independent again.
+/// Cameras with which an object remembers its common errors. If there are more, the one that was not heard
+/// for longest counts as independent again.
 const SHARED: usize = 8;
 
 /// No bearing is surer, radians, and no range as a share of it, whatever it claims: one false look that
@@ -21,11 +21,11 @@ const SUREST: f64 = 2e-4;
 /// The velocity is believed no longer than this without a look, microseconds.
 const LONGEST_STEP: u64 = 10_000_000;
 
-/// What the errors of an object and of a camera's pose have in common.
+/// Common errors of an object and of a camera's pose.
 #[derive(Clone, Copy, Debug)]
 struct Shared<T: Real> {
     camera: u16,
-    /// The pose as it was. What it has in common with a later one is not known.
+    /// The pose as it was. The common errors with a later one are not known.
     position: Point2<T>,
     heading: T,
     /// Covariance of the object's state and the camera's `(x, y, heading)`.
@@ -49,17 +49,17 @@ pub(super) struct State<T: Real> {
     /// x, y and their rates.
     pub(super) x: Vector4<T>,
     pub(super) covariance: Matrix4<T>,
-    /// Of when it is.
+    /// Time of the state.
     pub(super) at: u64,
     shared: [Option<Shared<T>>; SHARED],
 }
 
-/// How well a look agrees with an object.
+/// Agreement of a look with an object.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Agreement<T> {
     /// The squared innovation of bearing and range, each over its variance.
     pub(super) squared: T,
-    /// Less by twice the logarithm of the likelihood: what is compared between objects.
+    /// Less by twice the logarithm of the likelihood: the number that is compared between objects.
     pub(super) score: T,
     /// By how much the bearing is off, radians, without sign, and the standard deviation of that.
     pub(super) off: (T, T),
@@ -93,7 +93,7 @@ impl<T: Real> State<T> {
         if !(variance < settings.start_sigma * settings.start_sigma) {
             return None;
         }
-        // So little known beforehand that the looks decide; what they share with the poses follows.
+        // So little known beforehand that the looks decide; the common errors with the poses follow.
         let unknown = variance * lit(400.0) + lit(1e-6);
         let rate = settings.speed_sigma * settings.speed_sigma;
         let place = located.position;
@@ -161,8 +161,8 @@ impl<T: Real> State<T> {
     }
 
     /// Takes a look into account, which may be of a time shortly before the state's. `None` if numbers are
-    /// lost by it: then the state is of no use. `is_start`: of a state that nothing is known of yet, about
-    /// the place that the looks themselves told.
+    /// lost by it: then the state is of no use. `is_start`: the state is about the place that the looks
+    /// themselves told, and nothing else is known of it.
     fn take(
         &mut self,
         at: u64,
@@ -171,7 +171,7 @@ impl<T: Real> State<T> {
         is_start: bool,
     ) -> Option<Agreement<T>> {
         let slot = self.slot(camera, &look.pose)?;
-        // The object was there, by its velocity; what it did besides in so short a time is noise.
+        // The object was there, by its velocity; its other movement in so short a time is noise.
         let before = seconds(self.at.saturating_sub(at));
         let back = |place: Vector2<T>| {
             Vector4::new(place.x, place.y, -place.x * before, -place.y * before)
@@ -221,7 +221,7 @@ impl<T: Real> State<T> {
         (self.is_sound() && squared.is_finite()).then_some(agreement)
     }
 
-    /// How well a look agrees. Apart, so that the state that takes it into account is on the stack once.
+    /// Agreement of a look. Apart, so that the state that takes it into account is on the stack once.
     #[inline(never)] // for less stack
     pub(super) fn agreement(
         &self,
@@ -263,8 +263,8 @@ impl<T: Real> State<T> {
         Some(slot)
     }
 
-    /// The filter of Schmidt (1966): the state is corrected, the camera's pose is not, but that both err
-    /// together is kept. Returns the squared innovation over its variance, and this.
+    /// The filter of Schmidt (1966): the state is corrected, the camera's pose is not, but the common errors
+    /// of both are kept. Returns the squared innovation over its variance, and this variance.
     fn update(&mut self, slot: usize, pose: &Pose<T>, row: &Row<T>) -> Option<(T, T)> {
         let of_camera = self.shared.get(slot)?.as_ref()?.covariance;
         let of_pose = times(&pose.covariance, &row.by_pose);
@@ -331,7 +331,7 @@ fn go<T: Real>([x, y, vx, vy]: &mut [T; 4], dt: T) {
     *y += dt * *vy;
 }
 
-// Products of matrices that no branch to a panic is left of.
+// Products of matrices in which no branch to a panic is left.
 
 fn times<T: Real, const R: usize, const C: usize>(
     matrix: &SMatrix<T, R, C>,

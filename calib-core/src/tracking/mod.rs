@@ -1,37 +1,38 @@
 //! Tracking: where are the objects that cameras of known pose see, one bearing at a time?
 //!
-//! Nobody tells which object a bearing belongs to, when the next one comes, or from where. Each
+//! No source tells which object a bearing belongs to, when the next one comes, or from where. Each
 //! object has a place and a velocity in a Kalman filter that is linearised about them (Bar-Shalom, Li,
 //! Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, chapters 6 and 10).
 //!
 //! # Which object
-//! A look lies within the gates of one object or of some. It corrects each of these by the probability
-//! that it is of this one, and what is not sure about that adds to the covariance: joint probabilistic
-//! data association (Fortmann, Bar-Shalom, Scheffe: Sonar tracking of multiple targets, IEEE J. Oceanic
+//! A look lies within the gates of one object or of some. It corrects each of these by the probability that
+//! it is of this one, and the doubt about that adds to the covariance: joint probabilistic data association
+//! (Fortmann, Bar-Shalom, Scheffe: Sonar tracking of multiple targets, IEEE J. Oceanic
 //! Engineering 8, 1983), which for one bearing at a time is as short as this. Looks with an equal share in
 //! two objects that pass each other do little to both, and their velocities carry them past.
 //!
-//! A camera of which each look is *one* box for all that has the colour sees two objects as a box with
-//! both. Its middle is nowhere, but each of its edges is that of the object there, so much beyond its middle as
-//! it is wide. How wide is told by the looks that showed it alone, if not [beforehand](Settings::radius); until
-//! then the box serves none. Neither does one whose width contradicts how far away the object is, if the width
-//! is told as a [range](StationBearing::range).
+//! Some cameras make *one* box of all that has the colour. Such a camera sees two objects as a box with both.
+//! Its middle is nowhere, but each of its edges is that of the object there, beyond its middle by half its
+//! width. The width comes from the looks that showed it alone, if it is not known
+//! [beforehand](Settings::radius); until then the box serves none. A box whose width contradicts the distance
+//! of the object, if the width is told as a [range](StationBearing::range), serves none either.
 //!
 //! # New objects
-//! What no object explains is kept for half a second. Where the looks of two cameras meet, or where a
-//! range ends, a *candidate* begins. Of two cameras that see two objects each, four candidates come,
+//! A look that no object explains is kept for half a second. Where the looks of two cameras meet, or where a
+//! range ends, a *candidate* begins. From two cameras that see two objects each, four candidates come,
 //! two of them ghosts. A candidate becomes an object once it explained enough looks, which are those of
 //! three cameras or more, or have a range, or were explained by no other candidate. From then on its looks
 //! are its own, and the ghosts that had a part in them get no more. Two cameras alone that see two objects
 //! without their sizes never tell which of the four are real, and then none becomes one.
 //!
-//! An object that nobody sees is carried on by its velocity, until its place is too unsure. A new one that began
-//! after it was seen last, and where it can have gone since, is taken for it and has its number again.
+//! An object that no camera sees is carried on by its velocity, until its place is too unsure. A new one is
+//! taken for it and has its number again, if it began after the old one was seen last, and where that one can
+//! have gone since.
 //!
 //! # Uncertainty
-//! That a camera's pose is not sure makes all its bearings err alike: it is a bias, and no number of
-//! looks takes it away. The filter of Schmidt (Application of State-Space Methods to Navigation Problems,
-//! 1966) remembers how an object's place errs together with the poses of eight cameras.
+//! An unsure pose of a camera makes all its bearings err alike: it is a bias, and no number of looks takes it
+//! away. The filter of Schmidt (Application of State-Space Methods to Navigation Problems, 1966) remembers
+//! the common errors of an object's place and the poses of eight cameras.
 
 mod filter;
 
@@ -69,12 +70,12 @@ const RETURNS: u64 = 10_000_000;
 /// A candidate takes so long at least, microseconds.
 const SHORTEST: u64 = 500_000;
 
-/// What is known about the objects beforehand. Lengths in the unit of the cameras' places.
+/// Knowledge about the objects beforehand. Lengths in the unit of the cameras' places.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Settings<T> {
-    /// How quickly they change their velocity: density of the white noise of acceleration in each
-    /// direction, squared length over cubed seconds.
+    /// Speed of their changes of velocity: density of the white noise of acceleration in each direction,
+    /// squared length over cubed seconds.
     pub agility: T,
     /// Standard deviation of their velocity in each direction.
     pub speed_sigma: T,
@@ -98,7 +99,7 @@ impl Settings<f32> {
 }
 
 impl<T: Real> Settings<T> {
-    /// Of lengths in metres, the same in units of so many metres. The radius is not changed.
+    /// From lengths in metres, the same in units of so many metres. The radius is not changed.
     #[must_use]
     pub fn in_units(self, metres_per_unit: T) -> Self {
         Self {
@@ -135,9 +136,9 @@ impl<T: Real> Settings<T> {
 pub struct Look<T: Real> {
     /// The camera's number.
     pub camera: u16,
-    /// When, microseconds since whatever all looks count from.
+    /// Time of the look, microseconds since whatever all looks count from.
     pub at: u64,
-    /// Where to, and how far, if the size tells.
+    /// Direction, and distance if the size tells it.
     pub bearing: StationBearing<T>,
     /// Half the angle that the box is wide, radians; 0 if it is not known.
     pub half_width: T,
@@ -145,7 +146,7 @@ pub struct Look<T: Real> {
     pub is_wide: bool,
 }
 
-/// What became of a look.
+/// Effect of a look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
@@ -189,14 +190,14 @@ struct Tracked<T: Real> {
     id: u16,
     state: State<T>,
     seen: u64,
-    /// As the looks that showed it alone told it, and how many these were.
+    /// As told by the looks that showed it alone, and the number of these.
     radius: T,
     measured: u8,
 }
 
 impl<T: Real> Tracked<T> {
-    /// What a look says of it; `edge`: that this edge of the box, radians from its middle, is that of the
-    /// object. `None` if it is not known how wide it is.
+    /// Bearing of the object by a look; `edge`: this edge of the box, radians from its middle, is that of the
+    /// object. `None` if its width is not known.
     fn bearing_of(
         &self,
         look: &Look<T>,
@@ -285,7 +286,7 @@ impl<T: Real> Former<T> {
         }
     }
 
-    /// How far it is from being this candidate, squared, if it can have gone there since.
+    /// Distance to this candidate, squared, if it can have gone there since.
     fn distance(&self, candidate: &Candidate<T>, settings: &Settings<T>) -> Option<T> {
         let since = candidate.began.checked_sub(self.seen)?;
         let way = candidate.state.place() - self.place;
@@ -339,8 +340,8 @@ impl<T: Real> Tracker<T> {
         })
     }
 
-    /// Carries the objects on by their velocities. What was not seen for too long is gone. Time that
-    /// goes back changes nothing.
+    /// Carries the objects on by their velocities. Objects that were not seen for too long are gone. Time
+    /// that goes back changes nothing.
     pub fn go_to(&mut self, now: u64) {
         self.now = self.now.max(now);
         let (now, settings) = (self.now, self.settings);
@@ -410,8 +411,8 @@ impl<T: Real> Tracker<T> {
         self.assign(look, None).or(contradicts)
     }
 
-    /// Corrects each object by the probability that the look is of it; `edge`: that this edge of the
-    /// box, radians from its middle, is that of the object. `None` if it is of none.
+    /// Corrects each object by the probability that the look is of it; `edge`: this edge of the box, radians
+    /// from its middle, is that of the object. `None` if it is of none.
     fn assign(&mut self, look: &Look<T>, edge: Option<T>) -> Option<Outcome> {
         let settings = self.settings;
         let mut scores = [None; OBJECTS];
@@ -450,7 +451,7 @@ impl<T: Real> Tracker<T> {
         Some(outcome)
     }
 
-    /// To all candidates that it may belong to, and to what new ones it makes.
+    /// To all candidates that it may belong to, and to the new ones that it makes.
     fn offer_to_candidates(&mut self, look: &Look<T>) {
         let mut explained = 0_u8;
         let mut hit = [false; CANDIDATES];
@@ -567,8 +568,8 @@ impl<T: Real> Tracker<T> {
         Some(id)
     }
 
-    /// The number of the object that a candidate was before: the nearest that nobody saw since the candidate
-    /// began and that can have gone there.
+    /// The number of the object that a candidate was before: the nearest that no camera saw since the
+    /// candidate began and that can have gone there.
     fn known_as(&mut self, candidate: &Candidate<T>) -> Option<u16> {
         let mut best: Option<(T, u16)> = None;
         let stale = self.objects.iter().map(Former::of);
@@ -597,7 +598,7 @@ fn gate<T: Real>(look: &StationBearing<T>) -> T {
     lit(if look.range.is_some() { both } else { bearing })
 }
 
-/// Whether two places are one, as far as can be told: chi squared of two degrees of freedom.
+/// Returns true if two places are one, as far as can be told: chi squared of two degrees of freedom.
 fn is_same<T: Real>(one: &State<T>, other: &State<T>) -> bool {
     one.distance(other).is_none_or(|squared| squared < lit(6.0))
 }

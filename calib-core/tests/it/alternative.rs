@@ -8,7 +8,7 @@ use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use test_support::{Random, Truth, generator, normal, turn};
 
-/// How targets stand to the camera.
+/// Arrangement of the targets before the camera.
 #[derive(Clone, Copy, Debug)]
 enum Layout {
     /// Anywhere in view.
@@ -58,10 +58,10 @@ impl Layout {
     }
 }
 
-/// A camera's sightings, with noise as their sigmas say, and what is made of them.
+/// A camera's sightings, with noise as their sigmas say, and the results from them.
 struct Case {
     truth: Truth,
-    /// Of the targets, on average.
+    /// Mean distance of the targets.
     range: f64,
     sightings: Vec<Sighting<f64>>,
     solution: Solution<f64>,
@@ -98,7 +98,7 @@ impl Case {
         })
     }
 
-    /// Whether anybody would believe the pose.
+    /// Returns true if a reader would believe the pose.
     fn looks_good(&self) -> bool {
         self.pose().sigma_position() < 0.1 * self.range && !self.solution.fit().is_bad()
     }
@@ -117,7 +117,7 @@ impl Case {
         resection::alternative(&self.sightings, &[], self.pose(), sigma)
     }
 
-    /// Whether single precision tells an alternative, or refuses the pose.
+    /// Returns true if single precision tells an alternative, or refuses the pose.
     fn is_told_in_single_precision(&self) -> bool {
         let single = |s: &Sighting<f64>| Sighting {
             target: s.target.cast::<f32>(),

@@ -208,7 +208,7 @@ proptest! {
         prop_assert!((located.position - target).norm() < 1e-6 * (1.0 + variance));
     }
 
-    /// The length of a ray carries no meaning, and a node computes what a computer does.
+    /// The length of a ray carries no meaning, and a node computes as a computer does.
     #[test]
     fn single_precision_and_long_rays_do_as_well(seed: u64, length in 0.01..100.0_f64) {
         let mut rng = generator(seed);

@@ -11,10 +11,10 @@ use test_support::{Random, Truth, chi_squared_band, generator, normal, turn};
 
 const SIGMA: f64 = 0.002;
 const PRIOR: f64 = 0.02;
-/// Of a column that was rounded to a whole one.
+/// Sigma of a column that was rounded to a whole one.
 const PIXEL: f64 = 0.288_675;
 
-/// Sightings whose rays a lens has made that is `stretch` off, and the truth.
+/// Sightings whose rays come from a lens that is `stretch` off, and the truth.
 fn scene(
     rng: &mut Random,
     count: usize,
@@ -232,7 +232,7 @@ fn three_sightings_fit_any_lens() {
     );
 }
 
-/// What a lens of one field of view, degrees, and projection sees, decoded as another.
+/// Sightings through a lens of one field of view, degrees, and projection, decoded as another.
 fn decoded_as_another(
     rng: &mut Random,
     count: usize,
@@ -262,7 +262,7 @@ fn other_lens(
     let mut scratch = sightings.to_vec();
     let made = sightings.iter().copied();
     let found = resection::other_lens(&made, &mut scratch, projection, view.to_radians());
-    // What a node computes with is enough.
+    // The precision of a node is enough.
     let single: Vec<_> = { sightings.iter() }
         .map(|s| {
             let ray = Ray {

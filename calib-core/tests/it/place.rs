@@ -95,7 +95,7 @@ fn resection_nees(stops: usize, systematic: Systematic<f64>, standing: f64) -> N
             };
             seen.push((sighting, place));
         }
-        // Standing spreads every answer; what is left out is the neighbourhood of the circle only.
+        // Standing spreads every answer; only the neighbourhood of the circle is left out.
         let widest = 5e-5 + 30.0 * standing * standing;
         let Some(pose) = resect(&seen, widest) else {
             continue;
@@ -321,7 +321,7 @@ fn correlation_refuses_what_determines_no_pose() {
     );
 }
 
-/// Places of one walk in whose middle the sensor was calibrated: the same errors, of other sizes.
+/// Places of one walk in the middle of which the sensor was calibrated: the same errors, of other sizes.
 fn places_of_two_calibrations() -> [Place<f64>; 5] {
     let poor = Systematic {
         heading_sigma: 0.02,
@@ -369,7 +369,7 @@ fn joint_covariance(places: &[Place<f64>], i: usize, j: usize) -> Matrix2<f64> {
     joint
 }
 
-/// Every stop's place moves the pose; how, is found by moving it and solving again.
+/// Every stop's place moves the pose. The movement is found by moving the place and solving again.
 #[test]
 fn the_pose_errs_as_all_stops_do_also_of_two_calibrations() {
     let places = places_of_two_calibrations();
@@ -564,7 +564,7 @@ fn what_is_no_place_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// What a target sends, a camera takes, however long and odd the walk was.
+    /// A camera takes every place that a target sends, however long and odd the walk was.
     #[test]
     fn every_place_of_a_track_comes_back(
         numbers in prop::collection::vec(

@@ -119,7 +119,7 @@ fn the_ellipse_is_where_the_quantile_is() {
                 let form = (yy * point.x * point.x - 2.0 * xy * point.x * point.y
                     + xx * point.y * point.y)
                     / (xx * yy - xy * xy);
-                // Of two degrees of freedom the share within is one less exp(-form / 2).
+                // For two degrees of freedom the share within is one less exp(-form / 2).
                 assert!((1.0 - (-form / 2.0).exp() - probability).abs() < 1e-12);
             }
         }

@@ -13,7 +13,7 @@ use test_support::{generator, normal, turn};
 use two_cameras::{Scene, scene};
 
 impl Scene {
-    /// What is measured, the displacements in a frame turned by `frame_heading`.
+    /// The measurements, with the displacements in a frame turned by `frame_heading`.
     fn measure(
         &self,
         frame_heading: f64,
@@ -60,8 +60,8 @@ const ALL_KNOWN: fn(f64) -> Known<f64> = |baseline| Known {
     frame_heading: Some(0.0),
 };
 
-/// With two stops the truth is the answer or the alternative, and both explain the data. Only what is
-/// nearly degenerate is refused.
+/// With two stops the truth is the answer or the alternative, and both explain the data. Only nearly
+/// degenerate scenes are refused.
 #[test]
 fn two_stops() {
     const SCENES: u64 = 400;
@@ -113,7 +113,7 @@ proptest! {
         prop_assert_eq!(outcome.best.degrees_of_freedom, 2);
     }
 
-    /// A compass that is not aligned, and a baseline that nobody measured.
+    /// A compass that is not aligned, and a baseline that was not measured.
     #[test]
     fn unknown_frame_and_unknown_baseline(seed: u64, frame in 0.0..6.2_f64) {
         let scene = scene(seed, 4);
@@ -151,7 +151,7 @@ proptest! {
         }
     }
 
-    /// Of measurements that are noisy and of stops that may be poor, but that make sense.
+    /// For measurements that are noisy and stops that may be poor, but that make sense.
     #[test]
     fn covariances_are_covariances(
         seed: u64,
@@ -291,7 +291,7 @@ fn any_number() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// How many headings of camera 0 make everything fit, by trying 40,000: each heading gives both
+/// Number of headings of camera 0 that make everything fit, by trying 40,000: each heading gives both
 /// ranges from the leg, so both stops, so the angle under which camera 1 would see the leg.
 fn answers_by_scanning(scene: &Scene) -> usize {
     let [p0, p1] = scene.stops[..] else {
@@ -487,7 +487,7 @@ fn refusals() {
     }
 }
 
-/// `f32` solves what `f64` does.
+/// `f32` solves the same scenes as `f64`.
 #[test]
 fn single_precision() {
     for seed in 0..200 {
@@ -572,8 +572,8 @@ fn another_answer_is_told_of_until_one_in_a_thousand_fits_so_badly() {
     assert!(found >= 5, "{found} scenes have another answer");
 }
 
-/// In the baseline's own frame the poses are parts of the solution; in another one they are turned
-/// and moved with it.
+/// In the baseline's own frame the poses are parts of the solution; in another one they are turned and moved
+/// with it.
 #[test]
 fn poses_turn_with_their_frame() {
     let scene = scene(3, 4);
@@ -592,7 +592,7 @@ fn poses_turn_with_their_frame() {
     assert_eq!(own.map(|pose| pose.heading), solution.headings);
     let mut first = Matrix3::zeros();
     first.m33 = c.m11;
-    // What errs along the baseline is its length, together with the heading.
+    // The error along the baseline is that of its length, together with the heading.
     let second = Matrix3::new(c.m66, 0.0, c.m26, 0.0, 0.0, 0.0, c.m26, 0.0, c.m22);
     assert_eq!(own.map(|pose| pose.covariance), [first, second]);
     assert!(c.m66 > 0.0 && c.m26 != 0.0);
@@ -613,7 +613,7 @@ fn poses_turn_with_their_frame() {
     }
 }
 
-/// Why the refinement failed is told, where no candidate got further.
+/// The reason why the refinement failed is told, where no candidate got further.
 #[test]
 fn too_few_steps_do_not_converge() {
     let scene = scene(5, 3);

@@ -110,7 +110,7 @@ proptest! {
         prop_assert!((fitted.pose.covariance - oracle / 2.0).norm() < 1e-4 * oracle.norm());
     }
 
-    /// Foretold from the places and sigmas alone; what was seen has no part in it.
+    /// Predicted from the places and sigmas alone; the seen bearings have no part in it.
     #[test]
     fn prediction_needs_no_bearings(seed: u64) {
         let (truth, targets) = regular_scene(seed);
@@ -412,7 +412,7 @@ fn of_four_one_wrong_sighting_is_noticed() {
         resection::solve_rejecting(&sightings, 4.0, &mut dropped),
         Err(Refusal::Inconsistent)
     );
-    // Without rejection it is answered, and the residuals say what to think of it.
+    // Without rejection it is answered, and the residuals show that the answer is doubtful.
     let solution = resection::solve(&sightings).unwrap();
     assert!(solution.chi_squared > 100.0 && solution.degrees_of_freedom() == 1);
     let fit = solution.fit();
@@ -421,7 +421,7 @@ fn of_four_one_wrong_sighting_is_noticed() {
     assert!(fit.is_bad());
 }
 
-/// Half of the sightings fit one pose exactly, half another one: nobody has the majority.
+/// Half of the sightings fit one pose exactly, half another one: neither has the majority.
 #[test]
 fn half_is_no_majority() {
     let (one, other) = (
@@ -485,7 +485,7 @@ fn an_impossible_target_covariance_adds_nothing() {
         let three = |s: &[Sighting<f64>]| resection::solve(&s[..3]);
         assert_eq!(three(&bad), three(&good));
     }
-    // What is not a number is still refused.
+    // A value that is not a number is still refused.
     let (truth, targets) = regular_scene(1);
     let mut three = targets.map(|target| sighting(&truth, target, 0.0, 0.01));
     three[1].target_covariance = Matrix2::repeat(f64::NAN);

@@ -1,4 +1,4 @@
-//! What a node stores and sends comes back the same.
+//! Values that a node stores and sends come back the same.
 #![cfg(feature = "serde")]
 
 use core::fmt::Debug;

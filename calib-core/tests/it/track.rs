@@ -47,7 +47,7 @@ fn bias_and_scale_grow_with_the_way_from_the_fix() {
     let c = track.covariance();
     assert!((c.m11.sqrt() - 50.0 * 0.0015).abs() < 1e-12);
     assert!((c.m22.sqrt() - 50.0 * 0.001).abs() < 1e-12);
-    // A new fix takes it all away, also what the way to it was.
+    // A new fix takes it all away, also the way to it.
     let before = track;
     track
         .relocate(Point2::new(49.0, 0.1), Matrix2::identity(), SYSTEMATIC)
@@ -240,7 +240,7 @@ proptest! {
         }
     }
 
-    /// Own parts and shared part are covariances, whatever the walk, and so is what joins two.
+    /// Own parts and shared part are covariances, whatever the walk, and so is their joint one.
     #[test]
     fn every_covariance_is_one(steps in prop::collection::vec(any_step(), 2..40), cut in 0_usize..40) {
         let mut track = Track::start(

@@ -19,7 +19,7 @@ fn time(seconds: f64) -> u64 {
     (seconds * 1e6).round() as u64
 }
 
-/// A camera that sees 60 degrees, and what the tracker believes of it.
+/// A camera that sees 60 degrees, and its pose as the tracker believes it.
 #[derive(Clone, Copy)]
 struct Station {
     id: u16,
@@ -127,8 +127,8 @@ fn room(rng: &mut Random, place: f64, turn: f64) -> [Station; 4] {
     })
 }
 
-/// Many exact looks at what stands still: the covariance is at most that of the last looks alone, and
-/// the place is the truth.
+/// Many exact looks at an object that stands still: the covariance is at most that of the last looks alone,
+/// and the place is the truth.
 #[test]
 fn what_stands_still_is_found() {
     let rng = &mut generator(1);
@@ -165,7 +165,7 @@ fn what_stands_still_is_found() {
     assert!(found[0].velocity.norm() < 0.01);
 }
 
-/// One who walks as the model says.
+/// A person who walks as the model says.
 struct Walker(Vector4<f64>);
 
 impl Walker {
@@ -237,7 +237,7 @@ fn sigmas_are_honest() {
     }
 }
 
-/// Two who pass each other keep their numbers, although every camera's rays cross.
+/// Two objects that pass each other keep their numbers, although every camera's rays cross.
 #[test]
 fn who_pass_each_other_keep_their_numbers() {
     let mut kept = 0;
@@ -305,14 +305,14 @@ fn ghosts_die() {
                     "{seed} {used}: a ghost at {off:?}"
                 );
             }
-            // Two cameras cannot tell: they say nothing rather than what is wrong.
+            // Two cameras cannot tell: they say nothing rather than something wrong.
             let expected = if used == 3 { 2 } else { 0 };
             assert_eq!(found.len(), expected, "{seed}, {used} cameras");
         }
     }
 }
 
-/// One walks along a corridor whose cameras see a part of it each.
+/// One object moves along a corridor whose cameras see a part of it each.
 #[test]
 fn handed_from_camera_to_camera() {
     let rng = &mut generator(3);
@@ -362,7 +362,7 @@ fn one_camera_is_enough_if_the_size_tells_the_range() {
     }
 }
 
-/// A box around two objects corrects neither, and one that is too wide for its distance nobody.
+/// A box around two objects corrects neither, and one that is too wide for its distance corrects no object.
 #[test]
 fn a_box_around_two_serves_none() {
     let rng = &mut generator(5);
@@ -400,7 +400,7 @@ fn alone(
     look
 }
 
-/// Nobody said how large the balls are. Once looks showed each alone, boxes around both are enough to follow
+/// The size of the balls is not given. Once looks showed each alone, boxes around both are enough to follow
 /// them, and those of balls whose width no look told are not.
 #[test]
 fn boxes_around_two_serve_both_once_they_are_known_alone() {
@@ -441,7 +441,7 @@ fn boxes_around_two_serve_both_once_they_are_known_alone() {
     }
 }
 
-/// Seen for four seconds, not for so long, and then again so far away: the numbers it had.
+/// Seen for four seconds, unseen for so long, and then seen again so far away: the numbers it had.
 fn numbers_of_what_returns(unseen: f64, away: f64) -> Vec<u16> {
     let rng = &mut generator(13);
     let cameras = room(rng, 0.0, 0.0);
@@ -465,7 +465,8 @@ fn numbers_of_what_returns(unseen: f64, away: f64) -> Vec<u16> {
     ids
 }
 
-/// Who comes back from behind a pillar is who went there: not so late, and not where nobody gets in that time.
+/// An object that comes back from behind a pillar has its old number: not too late, and not at a place that
+/// it cannot have reached.
 #[test]
 fn what_comes_back_has_its_number() {
     assert_eq!(numbers_of_what_returns(5.0, 3.0), [1]);
@@ -508,7 +509,7 @@ fn there_are_four_at_most() {
     assert_eq!(most, OBJECTS);
 }
 
-/// Who comes back while four others are there waits for room, and is then known again.
+/// An object that comes back while four others are there waits for room, and is then known again.
 #[test]
 fn who_comes_back_waits_for_room() {
     let rng = &mut generator(17);
@@ -517,7 +518,8 @@ fn who_comes_back_waits_for_room() {
         agility: 0.01,
         ..Settings::walking()
     });
-    // Places, and from when to when somebody is there. The fourth begins too far from the first to be it.
+    // Places, and the times from and to which an object is there. The fourth begins too far from the first to
+    // be it.
     let all = [
         ((2.5, 5.0), [0.0, 4.0]),
         ((5.0, 2.5), [1.0, 20.0]),
@@ -552,8 +554,8 @@ fn who_comes_back_waits_for_room() {
     assert!(off.norm() < 0.2, "{off}");
 }
 
-/// What is no number, absurdly sure or unsure, from another time or the other end of the world is lost,
-/// and nothing else.
+/// Looks that are no number, absurdly sure or unsure, from another time or the other end of the world are
+/// lost, and nothing else.
 #[test]
 fn hostile_looks_lose_nothing() {
     let rng = &mut generator(7);
@@ -740,7 +742,7 @@ fn late_looks_count_for_their_time() {
     assert!(late < 2.0 * prompt && prompt > 0.0, "{prompt} {late}");
 }
 
-/// An object is gone three seconds after it was seen last.
+/// An object is gone three seconds after it was last seen.
 #[test]
 fn what_is_not_seen_is_gone() {
     let rng = &mut generator(8);
@@ -762,22 +764,22 @@ fn what_is_not_seen_is_gone() {
     assert_eq!(objects(&tracker).len(), 0);
 }
 
-/// What an office's run gave.
+/// Results of an office's run.
 #[derive(Debug, Default)]
 struct Accuracy {
     squared: f64,
     bound: f64,
     count: f64,
-    /// How often the object next to a person was another one than before.
+    /// Number of times that the object next to a person was another one than before.
     breaks: u32,
-    /// Moments of objects where nobody is, and moments in all.
+    /// Moments of objects where no person is, and moments in all.
     ghosts: u32,
     missing: u32,
     moments: u32,
 }
 
-/// Two people walk through an office of 20 by 12 m with 20 cameras, for a minute. Ten looks a second in
-/// all, in turn from the cameras that see anybody, each of one box.
+/// Two people walk through an office of 20 by 12 m with 20 cameras, for a minute. Ten looks a second in all,
+/// in turn from the cameras that see a person, each of one box.
 fn office(seed: u64, place: f64, turn: f64, all: &mut Accuracy) {
     let rng = &mut generator(seed);
     let settings = Settings {
@@ -812,7 +814,7 @@ fn office(seed: u64, place: f64, turn: f64, all: &mut Accuracy) {
         ]
     };
     let mut tracker = Tracker::new(settings);
-    // The bound on what any estimator can do that knows which look is whose, with exact poses: Tichavsky,
+    // The bound for any estimator that knows the object of each look, with exact poses: Tichavsky,
     // Muravchik, Nehorai, IEEE Trans. Signal Processing 46, 1998.
     let mut bounds = [Matrix4::from_diagonal(&[100.0, 100.0, 1.0, 1.0].into()); 2];
     let mut ids = [None; 2];
@@ -876,8 +878,8 @@ fn office(seed: u64, place: f64, turn: f64, all: &mut Accuracy) {
     }
 }
 
-/// Two objects in an office of 20 cameras: as good as the bound with exact poses, and with poses that err
-/// as they do after a calibration, 3 cm and 0.4 degrees, by what these cost.
+/// Two objects in an office of 20 cameras: as good as the bound with exact poses. With poses that err as they
+/// do after a calibration, 3 cm and 0.4 degrees, worse by the cost of these errors.
 #[test]
 fn two_in_an_office_of_20_cameras() {
     for (place, turn, worst) in [(0.0, 0.0, 1.15), (0.03, 0.007, 1.6)] {
@@ -890,7 +892,7 @@ fn two_in_an_office_of_20_cameras() {
         let told = format!("{place} {turn}: rms {rms:.3}, bound {bound:.3}, {all:?}");
         println!("{told}");
         assert!(rms < worst * bound && rms > 0.8 * bound, "{told}");
-        // Of 40 walks of 50 s each.
+        // In 40 walks of 50 s each.
         assert!(all.breaks <= 4, "{told}");
         assert!(all.ghosts * 500 < all.moments, "{told}");
         assert!(all.missing * 200 < all.moments, "{told}");

@@ -1,4 +1,4 @@
-//! How well the target's carrier is known, and how it errs.
+//! Knowledge of the target's carrier, and the carrier's errors.
 
 use node_firmware::config::TargetConfig;
 use rand::{Rng, RngExt};
@@ -7,14 +7,13 @@ use site::{Scenario, SensorTable};
 
 use super::{between, happens, short};
 
-/// Constant errors are drawn from what nodes believe of them, and no further out than this.
+/// Constant errors are drawn from the sigmas that nodes believe, and no further out than this.
 const MOST_SIGMAS: f64 = 2.5;
 
-/// The largest errors that nobody declares: of distances as a share, and of headings as an angle of
-/// the same size.
+/// The largest undeclared errors: of distances as a share, and of headings as an angle of the same size.
 const UNDECLARED: f64 = 0.1;
 
-/// What nodes believe of its constant errors: of distances as a share, of headings in degrees.
+/// Sigmas of its constant errors that nodes believe: of distances as a share, of headings in degrees.
 pub(super) fn believed(scenario: &Scenario) -> [f64; 2] {
     let firmware = &scenario.firmware;
     let unsaid = TargetConfig::default();
@@ -29,7 +28,7 @@ pub(super) fn believed(scenario: &Scenario) -> [f64; 2] {
 }
 
 pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario) {
-    // Somebody has measured the carrier, or nobody has.
+    // The installer has measured the carrier, or has not.
     if happens(random, 0.5) {
         scenario.firmware.systematic_scale = Some(between(random, 0.01, 0.06));
         scenario.firmware.systematic_heading_deg = Some(between(random, 0.5, 3.0));
@@ -49,7 +48,7 @@ pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario) {
     });
     (sensor.scale_bias, sensor.heading_bias_deg) = (scale, heading);
     let degrees = UNDECLARED.to_degrees();
-    // What nodes are wrong about, one or the other.
+    // Errors that nodes do not know, one or the other.
     if happens(random, 0.25) {
         match random.random_range(0..3) {
             0 => sensor.scale_bias = between(random, -UNDECLARED, UNDECLARED),

@@ -1,17 +1,17 @@
-//! What goes wrong: events, and lines that err all the time.
+//! Faults: events, and lines that err all the time.
 
 use rand::{Rng, RngExt, seq::IndexedRandom};
 use site::{Action, Forgery, Scenario, ScriptedEvent};
 
 use super::{between, happens};
 
-/// Until the network is formed, seconds.
+/// Time until the network is formed, seconds.
 const SET_UP_S: f64 = 12.0;
 
-/// How long a stop takes about, seconds.
+/// Approximate duration of a stop, seconds.
 const STOP_S: f64 = 4.0;
 
-/// As long as everything.
+/// Longer than any run, seconds.
 const FOR_EVER_S: f64 = 1e6;
 
 /// Faults of lines between node and camera, with their largest rates.
@@ -27,7 +27,7 @@ const LINES: [(&str, f64); 9] = [
     ("restart", 0.002),
 ];
 
-/// About how long the walk takes, seconds.
+/// Approximate duration of the walk, seconds.
 fn walk_s(scenario: &Scenario) -> f64 {
     let walks = scenario.networks[0].targets.iter().map(|target| {
         let stops = target.stops.as_deref().unwrap_or_default();
@@ -38,7 +38,7 @@ fn walk_s(scenario: &Scenario) -> f64 {
     walks.fold(0.0, f64::max)
 }
 
-/// Nothing begins after the last round but one and a quarter; the walk has so many.
+/// Draws faults of a walk of so many rounds. None begins in the last one and a quarter of them.
 pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, rounds: usize) {
     if happens(random, 0.3) {
         for (fault, most) in LINES {
@@ -57,13 +57,13 @@ pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, rounds: usize
         true => cameras.clone(),
         false => network.references.cameras.to_vec(),
     };
-    // Many runs have few faults: they show what each does.
+    // Many runs have few faults: they show the effect of each.
     let events = random.random_range(0..=3) * random.random_range(0..=3);
     for _ in 0..events {
         let at_s = between(random, 0.1, last_s);
         let lasts_s = between(random, 1.0, (last_s - at_s).clamp(1.001, 60.0));
         for action in actions(random, &cameras, &targets, (at_s, lasts_s)) {
-            // Where references stand when the network begins is its frame: no fault, but another site.
+            // The places of references when the network begins are its frame: no fault, but another site.
             let begins_anew = matches!(&action, Action::BumpCamera { node, .. }
                 if references.contains(node) && at_s < SET_UP_S + round_s);
             if !begins_anew {
@@ -73,7 +73,7 @@ pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, rounds: usize
     }
 }
 
-/// What happens at a time, for as long as that.
+/// Events at a time, for as long as that.
 fn actions(
     random: &mut impl Rng,
     cameras: &[u16],

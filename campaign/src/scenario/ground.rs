@@ -1,4 +1,4 @@
-//! Where cameras stand: two references that see a common area, and others anywhere.
+//! Places of cameras: two references that see a common area, and others anywhere.
 
 use std::{f64::consts::PI, fmt::Write};
 
@@ -10,7 +10,7 @@ use super::{between, happens, short};
 /// Units between a camera and the border of the world.
 const MARGIN: f64 = 1.0;
 
-/// Of targets: far from one another.
+/// Colours of targets: far from one another.
 const COLOURS: [[u8; 3]; 2] = [[230, 105, 35], [40, 200, 60]];
 
 fn towards(degrees: f64) -> Vector2<f64> {
@@ -88,7 +88,7 @@ fn places(random: &mut impl Rng, cameras: usize, side: f64) -> Vec<(Point2<f64>,
     let middle = side / 2.0;
     let within = |place: Point2<f64>| place.map(|x| x.clamp(MARGIN, side - MARGIN));
     let mut any = |low: f64, high: f64| random.random_range(low..high);
-    // What both references look at, from directions that are well apart.
+    // Area that both references look at, from directions that are well apart.
     let quarter = side / 8.0;
     let seen = Point2::new(
         middle + any(-quarter, quarter),

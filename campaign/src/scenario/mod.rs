@@ -1,7 +1,7 @@
 //! Draws the scenario of a run.
 //!
-//! What a site would not configure has its shipped default. What it would, such as how well its
-//! carrier is known, is sometimes said and sometimes not.
+//! Settings that a site would not configure have their shipped defaults. Others, such as the errors of its
+//! carrier, are sometimes given and sometimes not.
 
 mod carrier;
 mod faults;
@@ -35,7 +35,7 @@ fn happens(random: &mut impl Rng, probability: f64) -> bool {
     random.random_bool(probability)
 }
 
-/// To three digits after the point, as people write files.
+/// Rounds to three digits after the point, as people write files.
 fn short(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }
@@ -72,8 +72,7 @@ fn attempted(random: &mut ChaCha8Rng, number: u64) -> Result<Scenario, ScenarioE
     complete(&scenario)
 }
 
-/// As it is read from its own file: what was drawn is checked like everybody's, and the same to the
-/// bit.
+/// As it is read from its own file: a drawn scenario is checked like any other, and the same to the bit.
 fn complete(scenario: &Scenario) -> Result<Scenario, ScenarioError> {
     let scenario = Scenario::from_toml(&text(scenario), &Overrides::default())?;
     scenario.put_up()?;
@@ -88,7 +87,7 @@ pub fn text(scenario: &Scenario) -> String {
     toml::to_string(scenario).unwrap_or_else(|error| panic!("a scenario is TOML: {error}"))
 }
 
-/// What goes wrong in a scenario, and what is unusual in it: each once, in alphabetical order.
+/// Faults of a scenario, and its unusual properties: each once, in alphabetical order.
 pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
     let events = scenario.events.iter().map(|event| match event.action {
         Action::Restart { node } if is_target(scenario, node) => "restart of a target",
@@ -181,7 +180,7 @@ mod tests {
         }
     }
 
-    /// A campaign that forgot a fault would hold whatever that fault does.
+    /// A campaign that forgot a fault would pass in spite of that fault.
     #[test]
     fn everything_goes_wrong_in_some_run() {
         let mut seen = BTreeSet::new();

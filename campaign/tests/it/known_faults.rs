@@ -17,8 +17,8 @@ use campaign::{
 };
 use site::{Overrides, Scenario};
 
-/// What nodes believe of the carrier: what is shipped, or that it errs nowhere. The surer they are, the
-/// more a fault deceives them.
+/// Errors of the carrier that nodes believe in: the shipped ones, or none. The surer nodes are, the more a fault
+/// deceives them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Carrier {
     Shipped,
@@ -52,7 +52,7 @@ fn record(scenario: &Scenario) -> RunRecord {
     }
 }
 
-/// The seeds of a file with which it deceives somebody.
+/// The seeds of a file with which it deceives a camera.
 fn deceiving(path: &Path, carrier: Carrier) -> BTreeSet<u64> {
     let text = fs::read_to_string(path).unwrap();
     let written = Scenario::from_toml(&text, &Overrides::default()).unwrap();

@@ -1,7 +1,7 @@
-//! The commands as types: what can be constructed can be sent.
+//! The commands as types: every command that can be constructed can be sent.
 //!
-//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes
-//! it, [`Command::parse`] reads what it writes. Cameras take more than that.
+//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes it,
+//! [`Command::parse`] reads that line. Cameras take more than that.
 
 mod modes;
 mod order;
@@ -30,7 +30,7 @@ const ARGUMENTS_MAX: usize = 2 * PAIRS_MAX;
 /// return.
 const LINE_MAX: usize = 2 + 4 * ARGUMENTS_MAX + 1;
 
-/// Everything the camera can be told. The letters of each command are in its description.
+/// Every command of the camera. Its letters are in its description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
@@ -42,7 +42,7 @@ pub enum Command {
     CameraPower(bool),
     /// `CR`: write sensor registers, or reset them all when there is none.
     Registers(Registers),
-    /// `CT`: which sensor is mounted.
+    /// `CT`: the mounted sensor.
     CameraType(Sensor),
     /// `DC`: the channel that frame differencing looks at.
     DifferenceChannel(ColourChannel),
@@ -50,11 +50,11 @@ pub enum Command {
     CharacterDelay(u8),
     /// `DS`: count only every so many columns and rows.
     DownSample(DownSampling),
-    /// `FD`: track what differs by more than this threshold from the reference frame.
+    /// `FD`: track blocks that differ by more than this threshold from the reference frame.
     FrameDifference(u8),
-    /// `FS`: whether [`Command::SendFrame`] goes on with further frames.
+    /// `FS`: [`Command::SendFrame`] goes on with further frames.
     FrameStream(bool),
-    /// `GB`: whether the button was pressed since the last time.
+    /// `GB`: asks whether the button was pressed since the last time.
     GetButton,
     /// `GH`: histogram of a channel.
     GetHistogram(ColourChannel),
@@ -74,7 +74,7 @@ pub enum Command {
     HistogramConfiguration {
         /// Selects the number of bins.
         bins: u8,
-        /// Selects how counts are scaled.
+        /// Selects the scale of the counts.
         scale: u8,
     },
     /// `HD`: frame differencing on a grid of 16 x 16 instead of 8 x 8.
@@ -83,9 +83,9 @@ pub enum Command {
     HighResolution(bool),
     /// `HT`: histogram of tracked pixels only.
     HistogramTracked(bool),
-    /// `L0`: what LED 0 shows.
+    /// `L0`: mode of LED 0.
     Led0(LedMode),
-    /// `L1`: what LED 1 shows.
+    /// `L1`: mode of LED 1.
     Led1(LedMode),
     /// `LF`: take the reference frame of frame differencing.
     LoadFrame,
@@ -93,9 +93,9 @@ pub enum Command {
     LineMode(LineMode),
     /// `MD`: from now on ignore the blocks that differ by more than this threshold.
     MaskDifference(u8),
-    /// `NF`: how many consecutive pixels it takes to count.
+    /// `NF`: number of consecutive pixels that it takes to count.
     NoiseFilter(u8),
-    /// `OM`: which fields packets carry.
+    /// `OM`: the fields that packets carry.
     OutputMask(OutputMask),
     /// `PD`: process differences of neighbouring pixels, so vertical edges, instead of colours.
     PixelDifference(bool),
@@ -117,11 +117,11 @@ pub enum Command {
     SendFrame(Option<ColourChannel>),
     /// `SL`: sleep.
     Sleep,
-    /// `SM`: what the camera does with pan and tilt.
+    /// `SM`: control and reports of pan and tilt.
     ServoMask(ServoMask),
     /// `SO`: a servo pin as a digital output.
     ServoOutput(Servo, bool),
-    /// `SP`: how pan and tilt follow the target.
+    /// `SP`: parameters by which pan and tilt follow the target.
     ServoParameters(ServoParameters),
     /// `SV`: move a servo.
     ServoPosition(Servo, ServoPosition),
@@ -129,7 +129,7 @@ pub enum Command {
     SetBounds(ColourBounds),
     /// `TC`: track these bounds, or those in use.
     TrackColour(Option<ColourBounds>),
-    /// `TI`: track what is outside the bounds.
+    /// `TI`: track pixels outside the bounds.
     TrackInvert(bool),
     /// `TW`: learn the colour in the middle of the window and track it.
     TrackWindow,
@@ -139,7 +139,7 @@ pub enum Command {
     VirtualWindow(Option<Window>),
 }
 
-/// What the camera answers to a command that it accepts. `ACK` comes first unless said otherwise.
+/// Answer of the camera to a command that it accepts. `ACK` comes first unless said otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reply {
@@ -178,7 +178,7 @@ impl From<Command> for Order {
 }
 
 impl Command {
-    /// The line that tells the camera this.
+    /// The line of this command.
     pub fn line(&self) -> CommandLine {
         self.order().line()
     }
@@ -287,7 +287,7 @@ impl Command {
         }
     }
 
-    /// What comes back.
+    /// The reply that comes back.
     pub fn reply(&self) -> Reply {
         self.order().reply()
     }

@@ -2,7 +2,7 @@
 
 use crate::argument::ArgumentError;
 
-/// What a LED does.
+/// Mode of a LED.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LedMode {
@@ -102,7 +102,7 @@ impl TryFrom<[u8; 2]> for LineMode {
     }
 }
 
-/// Which fields of a packet are sent (`OM`), the first field in the lowest bit.
+/// Fields of a packet that are sent (`OM`), the first field in the lowest bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum OutputMask {

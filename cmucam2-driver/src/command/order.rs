@@ -3,7 +3,7 @@
 use super::{ARGUMENTS_MAX, CommandLine, Reply};
 use crate::text::Line;
 
-/// A command without its name: what is sent, what comes back, and what the camera keeps of it.
+/// A command without its name: its bytes, its reply, and its lasting effect on the camera.
 ///
 /// Made by [`Command::order`](super::Command::order) where the command is known, so that an image
 /// holds only the commands that it sends.
@@ -17,7 +17,7 @@ pub struct Order {
     effect: Effect,
 }
 
-/// What the camera keeps of a command until it restarts.
+/// Lasting effect of a command on the camera, until it restarts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Effect {
@@ -34,9 +34,9 @@ pub(crate) enum Effect {
     Reset,
 }
 
-/// What can be set, except registers and bounds, in the order in which a camera that has lost
-/// everything is told it again: what the frame is comes first, because windows count in its pixels;
-/// the sensor may only be switched off when all else is set.
+/// Settings, except registers and bounds, in the order in which a camera that has lost everything is told
+/// them again: those that define the frame come first, because windows count in its pixels; the sensor may
+/// only be switched off when all else is set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Mode {
@@ -137,7 +137,7 @@ impl Order {
         Self::bare(b"ST", Reply::Nothing, Effect::Bounds).with(bounds)
     }
 
-    /// The line that tells the camera this.
+    /// The line of this command.
     pub fn line(&self) -> CommandLine {
         let mut line = Line::EMPTY;
         if let Some(letters) = &self.letters {
@@ -153,20 +153,20 @@ impl Order {
         self.letters.unwrap_or(*b"  ")
     }
 
-    /// What comes back.
+    /// The reply that comes back.
     pub const fn reply(&self) -> Reply {
         self.reply
     }
 
-    /// Whether sending it a second time leaves the camera as the first time did.
+    /// Returns true if sending it a second time leaves the camera as the first time did.
     ///
-    /// Not so: the two sleeps, which the second copy would end, and the upload, whose raw bytes
-    /// a camera that refused it would take for commands.
+    /// False for the two sleeps, which the second copy would end, and for the upload: a camera that refused
+    /// it would take its raw bytes for commands.
     pub const fn is_idempotent(&self) -> bool {
         !matches!(self.reply, Reply::Sleep | Reply::Upload)
     }
 
-    /// Whether packets or a frame come back.
+    /// Returns true if packets or a frame come back.
     pub(crate) const fn streams(&self) -> bool {
         matches!(self.reply, Reply::Packets(_) | Reply::Frame)
     }
@@ -179,7 +179,7 @@ impl Order {
         self.arguments.get(..usize::from(self.len)).unwrap_or(&[])
     }
 
-    /// What continues the stream that this began: bounds are told once.
+    /// The order that continues the stream that this began: bounds are told once.
     pub(crate) fn continued(self) -> Self {
         match self.effect {
             Effect::Bounds | Effect::OwnBounds => Self::TRACK_AGAIN,

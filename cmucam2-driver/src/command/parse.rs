@@ -12,7 +12,7 @@ use crate::{
     text::decimal,
 };
 
-/// Why a line is no command. The camera answers `NCK` to all of them.
+/// Reason why a line is no command. The camera answers `NCK` to all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -46,7 +46,7 @@ impl From<ArgumentError> for CommandError {
     }
 }
 
-/// What follows the letters.
+/// Arguments behind the letters.
 struct Arguments {
     values: [u8; ARGUMENTS_MAX],
     len: usize,
@@ -104,7 +104,7 @@ impl Command {
     /// count as one, and a space after the letters is not required.
     ///
     /// # Errors
-    /// [`CommandError`] for what the camera would answer with `NCK`.
+    /// [`CommandError`] for lines that the camera would answer with `NCK`.
     pub fn parse(line: &[u8]) -> Result<Self, CommandError> {
         let Some((&letters, rest)) = line.split_first_chunk::<2>() else {
             return match line {

@@ -1,12 +1,11 @@
-//! Where the driver has its time from.
+//! Source of the driver's time.
 
 /// The time, microseconds from any origin. It must not run backwards.
 pub trait Clock {
     /// Microseconds since the origin.
     fn now(&self) -> u64;
 
-    /// The driver has let at least so many microseconds pass. For clocks that have nothing else to
-    /// go by.
+    /// The driver has let at least so many microseconds pass. For clocks that have no other source.
     fn passed(&mut self, us: u32) {
         let _ = us;
     }

@@ -1,4 +1,4 @@
-//! What can be asked of the camera: the dialogues, and any [`Command`].
+//! Requests to the camera: the dialogues, and any [`Command`].
 
 use super::{Call, Cmucam2, Convert};
 use crate::{
@@ -50,15 +50,15 @@ fn tracking(answer: Answer, modes: &Modes) -> Option<Option<Tracking>> {
 
 /// Any command.
 impl<U, D, K> Cmucam2<U, D, K> {
-    /// A single command: a mode, a query, a servo, a lamp. What comes back stands beside each
-    /// [`Command`]; [`Answer::Done`] if that is nothing. Of one that answers with packets, one is
-    /// taken and the camera is stopped if it goes on.
+    /// A single command: a mode, a query, a servo, a lamp. The reply stands beside each [`Command`];
+    /// [`Answer::Done`] if there is none. For a command that answers with packets, one is taken and the
+    /// camera is stopped if it goes on.
     #[inline(always)] // for less flash
     pub fn command(&mut self, command: Command) -> Call<'_, U, D, Answer, K> {
         self.ask(command, answer)
     }
 
-    /// The same of one whose answer tells nothing, such as a mode.
+    /// The same for a command whose answer tells nothing, such as a mode.
     #[inline(always)] // for less flash
     pub fn set(&mut self, command: Command) -> Call<'_, U, D, (), K> {
         self.ask(command, done)
@@ -112,7 +112,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
 
 /// Tracking.
 impl<U, D, K> Cmucam2<U, D, K> {
-    /// Tracks a colour: [`Cmucam2::next_tracking`] tells where it is.
+    /// Tracks a colour: [`Cmucam2::next_tracking`] tells its place.
     pub fn track_colour(&mut self, bounds: ColourBounds) -> Call<'_, U, D, (), K> {
         self.stream(Command::TrackColour(Some(bounds)))
     }

@@ -1,4 +1,5 @@
-//! What tracking does not need: a reset that keeps the modes; images row by row, and the upload of one.
+//! Functions that tracking does not need: a reset that keeps the modes; images row by row, and the upload of
+//! one.
 
 use super::{Call, Cmucam2, commands::done};
 use crate::{
@@ -16,16 +17,16 @@ pub enum Part {
     Header(ImageHeader),
     /// A row is in the caller's buffer.
     Row {
-        /// How many bytes of it.
+        /// Number of its bytes.
         bytes: u16,
-        /// Whether it is complete and every byte is possible.
+        /// True if it is complete and every byte is possible.
         intact: bool,
     },
     /// The image is over.
     End {
-        /// How many rows came.
+        /// Number of rows that came.
         rows: u16,
-        /// Whether all of it was as announced.
+        /// True if all of it was as announced.
         intact: bool,
     },
     /// A packet between images.

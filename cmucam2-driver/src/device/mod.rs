@@ -4,14 +4,14 @@
 //! the delay are async ones, by [`Call::wait`] when they block; both only carry bytes and time to
 //! and from the [`Session`], where the dialogue is decided.
 //!
-//! # What is asked of the UART and the delay
+//! # Requirements on the UART and the delay
 //! - 8 data bits, no parity, one stop bit, no flow control, at the rate set by the jumpers.
-//! - A receive buffer that holds what comes between two calls: at 38400 baud 4 bytes a
-//!   millisecond. A stream sends whether it is read or not.
+//! - A receive buffer that holds the bytes between two calls: at 38400 baud 4 bytes a millisecond. A stream
+//!   sends whether it is read or not.
 //! - Async: `read` may be dropped while it waits without losing bytes, as buffered UARTs do.
-//! - Blocking: [`embedded_io::ReadReady`], because `Read` alone waits for ever and could not tell
-//!   silence. Where a UART can only be tried, the feature `embedded-hal-nb` has a `ReadReady` over a
-//!   one-byte peek: `serial::Peek`.
+//! - Blocking: [`embedded_io::ReadReady`], because `Read` alone waits for ever and could not tell silence.
+//!   Where a UART can only be tried, the feature `embedded-hal-nb` has a `ReadReady` over a one-byte peek:
+//!   `serial::Peek`.
 //!
 //! # Time
 //! The driver needs a [`Clock`] to know how long it has waited, and stamps packets with it. Without
@@ -46,10 +46,10 @@ use crate::session::{Answer, Fault, Modes, Policy, Request, Session};
 /// come.
 const SLICE_US: u32 = 10_000;
 
-/// How many bytes are read at once.
+/// Number of bytes that are read at once.
 const CHUNK: usize = 32;
 
-/// Why a call failed.
+/// Reason why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error<E> {
@@ -57,7 +57,7 @@ pub enum Error<E> {
     Uart(E),
     /// The UART has come to its end: the port was closed.
     Closed,
-    /// The camera failed, or what it said.
+    /// The camera failed, or its answer was wrong.
     Camera(Fault),
 }
 
@@ -135,8 +135,7 @@ impl<U, D> Cmucam2<U, D> {
 }
 
 impl<U, D, K> Cmucam2<U, D, K> {
-    /// The same with a clock, which counts the time between two calls, too: see
-    /// [`Session::packet_at`].
+    /// The same with a clock, which counts the time between two calls, too: see [`Session::packet_at`].
     pub fn with_clock(uart: U, delay: D, clock: K, policy: Policy) -> Self {
         Self {
             uart,
@@ -156,7 +155,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
         (self.uart, self.delay)
     }
 
-    /// The dialogue: modes, what was dropped, how often the camera restarted.
+    /// The dialogue: modes, dropped bytes, number of restarts of the camera.
     pub fn session(&self) -> &Session {
         &self.session
     }
@@ -174,12 +173,12 @@ impl<U, D, K> Cmucam2<U, D, K> {
 
 type Convert<T> = fn(Answer, &Modes) -> Option<T>;
 
-/// Something to be asked of the camera. Does nothing until it is driven.
+/// A request to the camera. Does nothing until it is driven.
 #[must_use = "a call does nothing until it is driven by `run().await` or `wait()`"]
 pub struct Call<'a, U, D, T, K = SummedDelays> {
     camera: &'a mut Cmucam2<U, D, K>,
     request: Request,
-    /// Where a row goes.
+    /// Buffer for a row.
     row: &'a mut [u8],
     /// Raw bytes that follow the command.
     payload: &'a [u8],
@@ -368,7 +367,7 @@ fn send<U: embedded_io::Write>(
     uart.flush().map_err(Error::Uart)
 }
 
-/// How long to wait for bytes at most.
+/// Longest time to wait for bytes.
 fn slice(session: &Session, now: u64) -> u32 {
     let left = session.deadline().map_or(0, |at| at.saturating_sub(now));
     u32::try_from(left).unwrap_or(SLICE_US).min(SLICE_US)

@@ -1,6 +1,6 @@
-//! What was dropped, and why.
+//! Dropped bytes, and the reasons.
 
-/// What did not become an event, and why. Counters stop at their greatest value.
+/// Bytes that did not become an event, and the reasons. Counters stop at their greatest value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DroppedBytes {
@@ -8,7 +8,7 @@ pub struct DroppedBytes {
     pub bytes: u32,
     /// Runs of bytes that begin nothing.
     pub noise: u32,
-    /// Lines with something else than letters and plain numbers where they belong.
+    /// Lines with anything but letters and plain numbers where they belong.
     pub malformed: u32,
     /// Lines that ended early: in a prompt, in another line, in silence.
     pub cut: u32,

@@ -1,4 +1,4 @@
-//! What may come.
+//! Expected bytes.
 
 use crate::{
     command::{StatisticsLines, StatisticsMask, TrackingLines},
@@ -21,7 +21,7 @@ pub enum ImageExpectation {
     Statistics(StatisticsLines),
 }
 
-/// What may come, as far as it cannot be read from the bytes themselves.
+/// Expected bytes, as far as the bytes themselves do not tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Expectation {
@@ -35,11 +35,11 @@ pub struct Expectation {
     pub frame: Size,
     /// Binary data that may come between lines.
     pub image: ImageExpectation,
-    /// Whether raw packets may come.
+    /// True if raw packets may come.
     pub raw: bool,
-    /// How many numbers a query answers, 1 to 6; 0 when none was made.
+    /// Number of numbers that a query answers, 1 to 6; 0 when none was made.
     pub values: u8,
-    /// Whether to drop T packets that are not [consistent](crate::packet::Tracking::is_consistent).
+    /// True to drop T packets that are not [consistent](crate::packet::Tracking::is_consistent).
     /// Right for colour tracking only: frame differencing counts blocks.
     pub strict: bool,
 }

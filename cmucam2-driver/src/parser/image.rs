@@ -8,7 +8,7 @@ use crate::{
     uncertain,
 };
 
-/// What the bytes of an image are.
+/// Meaning of the bytes of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImageKind {
@@ -27,7 +27,7 @@ pub enum ImageKind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ImageHeader {
-    /// What the bytes are.
+    /// Meaning of the bytes.
     pub kind: ImageKind,
     /// Columns; 0 where the protocol does not say it.
     pub width: u8,
@@ -37,7 +37,7 @@ pub struct ImageHeader {
     pub row_bytes: u16,
 }
 
-/// Whether a byte ends its row.
+/// State of a row after a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RowState {
@@ -57,7 +57,7 @@ pub(super) enum Step {
         rows: u16,
         intact: bool,
     },
-    /// The image ended although its mark is missing; the byte belongs to what follows.
+    /// The image ended although its mark is missing; the byte belongs to the next token.
     EndBefore {
         rows: u16,
     },
@@ -78,7 +78,7 @@ const LINES_END: u8 = 0xFD;
 enum Place {
     Width,
     Height,
-    /// The first byte of means: a level, or how many rows there are.
+    /// The first byte of means: a level, or the number of rows.
     FirstMean,
     Row,
     /// A frame's row is full: only a mark may follow.
@@ -99,9 +99,9 @@ pub(super) struct Image {
     at: u16,
     row_intact: bool,
     intact: bool,
-    /// How much of a banner the last bytes are.
+    /// Number of the last bytes that match a banner.
     banner: u8,
-    /// Whether the number of rows comes first in means; `None` if that is not known.
+    /// True if the number of rows comes first in means; `None` if that is not known.
     counted: Option<bool>,
 }
 
@@ -304,7 +304,7 @@ impl Image {
         }
     }
 
-    /// Whether the number of rows comes first, as far as the images so far have shown.
+    /// Returns true if the number of rows comes first, as far as the images so far have shown.
     pub(super) const fn is_counted(&self) -> Option<bool> {
         self.counted
     }

@@ -1,21 +1,21 @@
 //! From bytes to events, one byte at a time.
 //!
-//! The parser holds no line: numbers are decoded as they come, so a byte costs a handful of
-//! compares and nothing is read twice. It needs to be told what may come ([`Expectation`]),
-//! because the protocol is not self-describing: masks change the number of fields, line modes and
-//! frames put binary data between the lines.
+//! The parser holds no line: numbers are decoded as they come, so a byte costs a handful of compares and
+//! nothing is read twice. It needs to be told the expected bytes ([`Expectation`]), because the protocol is
+//! not self-describing: masks change the number of fields, line modes and frames put binary data between the
+//! lines.
 //!
 //! # Resynchronisation
-//! Text: a line that is wrong anywhere is dropped whole, and the next letter that can begin a line
-//! begins a new attempt. Whatever came before, of two well-formed packets in a row at least the
-//! second is delivered. Binary images have no checksum and may contain any byte: after a damaged
-//! header at most one image's worth of bytes is taken for pixels. [`Parser::gap`] ends that early
-//! when the line falls silent, and a banner ends it at once.
+//! Text: a line that is wrong anywhere is dropped whole, and the next letter that can begin a line begins a
+//! new attempt. Whatever came before, at least the second of two well-formed packets in a row is delivered.
+//! Binary images have no checksum and may contain any byte: after a damaged header at most one image's worth
+//! of bytes is taken for pixels. [`Parser::gap`] ends that early when the line falls silent, and a banner
+//! ends it at once.
 //!
 //! # Never delivered
-//! A packet with a wrong number of fields, with anything but single spaces (one may be last) and plain decimal
-//! numbers up to 255, with coordinates out of order or outside the frame. What was dropped, and
-//! why, is counted in [`DroppedBytes`]. What cannot be detected: see the [crate's](crate) description.
+//! A packet with a wrong number of fields, with anything but single spaces (one may be last) and plain
+//! decimal numbers up to 255, with coordinates out of order or outside the frame. [`DroppedBytes`] counts
+//! dropped bytes by their reasons. For errors that cannot be detected see the [crate's](crate) description.
 
 mod dropped;
 mod expectation;
@@ -45,7 +45,7 @@ pub enum Token {
     Nck,
     /// The camera waits for a command.
     Prompt,
-    /// The camera has started, or says its version.
+    /// The camera has started, or tells its version.
     Banner(FirmwareVersion),
     /// A packet whose fields are in order and inside the frame.
     Packet(Packet),
@@ -53,15 +53,15 @@ pub enum Token {
     Values([u8; 6]),
     /// Binary rows follow.
     Header(ImageHeader),
-    /// One byte of a row, and whether it is the last one.
+    /// One byte of a row, and the state of the row after it.
     Pixel(u8, RowState),
     /// A row ended after so many bytes, before it was full.
     RowCut(u16),
     /// The last row is over.
     ImageEnd {
-        /// How many rows came.
+        /// Number of rows that came.
         rows: u16,
-        /// Whether header, rows and end agree and every byte is possible.
+        /// True if header, rows and end agree and every byte is possible.
         intact: bool,
     },
 }
@@ -69,7 +69,7 @@ pub enum Token {
 /// The value of a number before its first digit: no number reaches it.
 const NO_DIGIT: u16 = u16::MAX;
 
-/// Which numbers are being read.
+/// Kind of the numbers that are being read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Tracking,
@@ -105,25 +105,25 @@ impl Word {
 enum State {
     /// At the beginning of a line.
     Start,
-    /// Until something begins that makes sense.
+    /// Until a line begins that makes sense.
     Junk,
     /// After the letter of a packet.
     Letter(Kind),
     /// In a number or before its first digit.
     Number(Kind),
-    /// In `ACK` or `NCK`: how many characters there are.
+    /// In `ACK` or `NCK`: number of characters so far.
     Word(Word, u8),
-    /// In the constant part of the banner: how many characters there are.
+    /// In the constant part of the banner: number of characters so far.
     Banner(u8),
     /// In the version before the point.
     Major,
-    /// After the point: how many digits.
+    /// After the point: number of digits.
     Minor(u8),
     /// Before the `c`, or after it.
     Module(bool),
     /// After 255.
     RawLead,
-    /// In raw numbers: how many are missing.
+    /// In raw numbers: number of those that are missing.
     Raw(Kind, u8),
     /// In the header or the rows of an image.
     Image,
@@ -175,7 +175,7 @@ impl Parser {
         }
     }
 
-    /// What may come from now on. An image that was begun goes on only if it is still expected.
+    /// Takes the expected bytes from now on. An image that was begun goes on only if it is still expected.
     pub fn expect(&mut self, expectation: Expectation) {
         if self.state == State::Image && self.expectation.image != expectation.image {
             self.drop_held(Reason::Cut);
@@ -184,23 +184,23 @@ impl Parser {
         self.expectation = expectation;
     }
 
-    /// What may come.
+    /// The expected bytes.
     pub fn expectation(&self) -> &Expectation {
         &self.expectation
     }
 
-    /// What was dropped since the parser was made.
+    /// Bytes that were dropped since the parser was made.
     pub fn dropped(&self) -> &DroppedBytes {
         &self.dropped
     }
 
-    /// Whether an image has begun and is not over: its rows may be far apart.
+    /// Returns true if an image has begun and is not over: its rows may be far apart.
     pub(crate) fn is_in_image(&self) -> bool {
         self.state == State::Image
     }
 
-    /// The line has been silent for longer than any pause within a line: what was begun will not
-    /// go on.
+    /// The line has been silent for longer than any pause within a line: a line that was begun will not go
+    /// on.
     pub fn gap(&mut self) {
         if self.state != State::Start {
             self.drop_held(Reason::Cut);
@@ -333,7 +333,7 @@ impl Parser {
         self.go(State::Junk)
     }
 
-    /// Whether a line or an image begins with this byte.
+    /// Returns true if a line or an image begins with this byte.
     fn begin(&mut self, byte: u8) -> bool {
         let state = match byte {
             b'T' => State::Letter(Kind::Tracking),
@@ -368,7 +368,7 @@ impl Parser {
         self.image.header_without_sizes().map(Token::Header)
     }
 
-    /// What follows the digits of a number.
+    /// Takes the byte behind the digits of a number.
     fn separator(&mut self, kind: Kind, byte: u8) -> Option<Token> {
         if byte == b':' {
             return self.prompt();
@@ -424,7 +424,7 @@ impl Parser {
     fn decode(&self, kind: Kind) -> Result<Token, PacketError> {
         let numbers = self.numbers.get(..usize::from(self.len)).unwrap_or(&[]);
         let expectation = &self.expectation;
-        // Only what the features name can have been asked for.
+        // Only packets that the features name can have been asked for.
         let (tracking, statistics) = if FULL {
             (expectation.tracking, expectation.statistics)
         } else {

@@ -1,4 +1,4 @@
-//! What follows what: the parts of a session put together.
+//! Order of events: the parts of a session put together.
 
 use core::ops::ControlFlow;
 
@@ -22,7 +22,7 @@ use crate::{
 /// A request goes on, or has its outcome.
 pub(super) type Flow = ControlFlow<Result<Answer, Fault>>;
 
-/// What is known of the camera's end of the line.
+/// State of the camera's end of the line.
 #[derive(Clone, Copy, Debug)]
 enum Link {
     Unknown,
@@ -32,7 +32,7 @@ enum Link {
     Streaming(Stream),
 }
 
-/// What the session is doing for a request.
+/// Present work of the session for a request.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Doing {
     /// The camera is made to listen.
@@ -51,16 +51,16 @@ pub(super) struct Dialogue {
     pub(super) port: Port,
     policy: Policy,
     modes: Modes,
-    /// As the banner named it.
+    /// As named by the banner.
     sensor: Option<Sensor>,
     link: Link,
-    /// The command that was sent last, and why.
+    /// The command that was sent last, and its purpose.
     exchange: Exchange,
-    /// What [`Request::Next`] reads; it may have to be told to the camera again.
+    /// The stream that [`Request::Next`] reads; it may have to be told to the camera again.
     stream: Option<Order>,
-    /// The camera has lost its modes: how far it has them again.
+    /// The camera has lost its modes: progress of telling them again.
     restore: Option<Cursor>,
-    /// When the last packet that was asked for came.
+    /// Time of the last packet that was asked for.
     pub(super) packet_at: Option<u64>,
     pub(super) restarts: u16,
     pub(super) retries: u16,
@@ -104,7 +104,7 @@ impl Dialogue {
 
     /// Begins a request.
     pub(super) fn begin(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
-        // One that cannot be begun must not leave the packets of another in its place.
+        // A request that cannot be begun must not leave the packets of another in its place.
         if task.begins() {
             self.stream = None;
         }
@@ -128,7 +128,7 @@ impl Dialogue {
         }
     }
 
-    /// Something came while no request was under way.
+    /// A token came while no request was under way.
     pub(super) fn on_event_between(&mut self, event: Token) {
         if let Token::Banner(version) = event {
             self.recognise(version);
@@ -272,8 +272,8 @@ impl Dialogue {
         Flow::Continue(())
     }
 
-    /// Does whatever comes next: first makes the camera listen, then gives it back what it lost,
-    /// then follows the request. `answer`: of the step before.
+    /// Does the next step: first makes the camera listen, then restores its lost modes, then follows the
+    /// request. `answer`: of the step before.
     fn plan(
         &mut self,
         task: &mut Task,
@@ -351,13 +351,13 @@ impl Dialogue {
         Flow::Continue(())
     }
 
-    /// The stream that the request begins runs, or will when it is read.
+    /// The stream that the request begins runs, or will run when it is read.
     fn begun(&mut self, task: &Task, order: Order) -> Flow {
         self.stream = Some(order.continued());
         Flow::Break(Ok(task.begun(&self.modes)))
     }
 
-    /// After a restart, with all modes set again: whether the request can go on.
+    /// After a restart, with all modes set again: decides whether the request can go on.
     fn go_on(&mut self, task: &Task) -> Flow {
         let lost = task.reads() && !self.stream_can_resume();
         if lost {
@@ -369,7 +369,7 @@ impl Dialogue {
         Flow::Continue(())
     }
 
-    /// Whether the stream means the same after a restart of the camera.
+    /// Returns true if the stream means the same after a restart of the camera.
     fn stream_can_resume(&self) -> bool {
         match self.stream.map(|order| order.reply()) {
             Some(Reply::Packets(PacketKind::Tracking)) => self.modes.bounds().is_some(),
@@ -378,8 +378,8 @@ impl Dialogue {
         }
     }
 
-    /// What must be told to begin a stream. In poll mode nothing streams: what
-    /// [`Request::Next`] asks for is only noted, after the bounds.
+    /// The order that begins a stream. In poll mode nothing streams: the order that [`Request::Next`] sends
+    /// is only noted, after the bounds.
     fn first_of(&self, order: Order) -> Option<Order> {
         if !self.modes.poll() || order.reply() == Reply::Frame {
             return Some(order);
@@ -470,7 +470,7 @@ impl Dialogue {
         }
     }
 
-    /// Whether one packet ends the exchange.
+    /// Returns true if one packet ends the exchange.
     fn takes_one(&self) -> bool {
         self.modes.poll() || self.exchange.purpose != Purpose::Next
     }
@@ -542,8 +542,8 @@ impl Dialogue {
         Flow::Continue(())
     }
 
-    /// In a stream a damaged character may look like a prompt, so only what must be followed by
-    /// one believes it. If it was real, silence follows.
+    /// In a stream a damaged character may look like a prompt, so only a command that must be followed by one
+    /// believes it. If it was real, silence follows.
     fn on_unexpected_prompt(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
         if self.exchange.is_frame() {
             self.link = Link::Prompt;
@@ -591,8 +591,7 @@ impl Dialogue {
             self.link = Link::Unknown;
             return Flow::Break(Err(fault));
         }
-        // Stop the stream and start it again: that tells a camera that left it from one that is
-        // gone.
+        // Stop the stream and start it again: that tells a camera that left it from one that is gone.
         task.failures = task.failures.saturating_add(1);
         self.link = Link::Unknown;
         let purpose = synchronisation::Purpose::Probe;
@@ -630,7 +629,7 @@ impl Dialogue {
         }
     }
 
-    /// Why nothing that came was of use.
+    /// Fault when no useful byte came.
     #[inline(never)] // for less flash
     fn nothing_useful(&self) -> Fault {
         match self.port.heard() {
@@ -640,7 +639,7 @@ impl Dialogue {
         }
     }
 
-    /// The command under way was answered with something else.
+    /// The command under way got another answer.
     #[inline(never)] // for less flash
     pub(super) fn unexpected(&self) -> Fault {
         Fault::Unexpected {
@@ -670,7 +669,7 @@ impl Dialogue {
         Flow::Continue(())
     }
 
-    /// A banner: asked for, or the camera restarted.
+    /// A banner: it was asked for, or the camera restarted.
     fn on_banner(
         &mut self,
         task: &mut Task,

@@ -15,7 +15,7 @@ pub(super) struct Exchange {
     pub(super) purpose: Purpose,
 }
 
-/// Why it is sent.
+/// Purpose of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// Its answer is that of the request.
@@ -32,12 +32,12 @@ pub(super) enum Purpose {
     Restore,
 }
 
-/// What is being waited for.
+/// Part of the reply that is awaited.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Awaited {
     /// `ACK` or `NCK`.
     Ack,
-    /// What follows `ACK`: the answer, unless it came, and the prompt.
+    /// The rest after `ACK`: the answer, unless it came, and the prompt.
     Reply(Option<Answer>),
     /// The prompt after `NCK`.
     Refused,
@@ -47,22 +47,22 @@ pub(super) enum Awaited {
     Prompt(Answer),
 }
 
-/// What an event means before packets come.
+/// Meaning of an event before packets come.
 pub(super) enum Reaction {
     Nothing,
-    /// What is awaited now may take as long as a reply takes.
+    /// The rest that is awaited now may take as long as a reply takes.
     Await(Awaited),
     /// The camera sends; this may be the first packet already.
     Sends,
     /// Answer and prompt are there.
     Done(Option<Answer>),
     Refused,
-    /// Nothing can be said of what the camera will send next.
+    /// The camera's next bytes cannot be foretold.
     Irregular,
 }
 
 impl Exchange {
-    /// Whether a packet is what this command asks for.
+    /// Returns true if this command asks for a packet like this.
     pub(super) fn asks_for(&self, packet: &Packet) -> bool {
         match self.order.reply() {
             Reply::Packets(kind) => packet.is_of(kind),
@@ -70,7 +70,7 @@ impl Exchange {
         }
     }
 
-    /// Whether the camera may have done already what the request is about. `under_way`: this is not
+    /// Returns true if the camera may have carried out the request already. `under_way`: the exchange is not
     /// over.
     pub(super) fn answers(&self, under_way: bool) -> bool {
         under_way && self.purpose == Purpose::Whole
@@ -80,7 +80,7 @@ impl Exchange {
         FULL && self.order.reply() == Reply::Frame
     }
 
-    /// Whether a banner is the answer. After a reset it comes even if the `ACK` was lost.
+    /// Returns true if a banner is the answer. After a reset it comes even if the `ACK` was lost.
     pub(super) fn asks_for_banner(&self, awaited: &Awaited) -> bool {
         match awaited {
             Awaited::Ack => self.order.effect() == Effect::Reset,
@@ -89,7 +89,7 @@ impl Exchange {
         }
     }
 
-    /// What to make of an event while no packets are awaited.
+    /// Reaction to an event while no packets are awaited.
     pub(super) fn on_event(&self, awaited: &mut Awaited, event: &Token) -> Reaction {
         let reply = self.order.reply();
         match (awaited, event) {
@@ -98,7 +98,7 @@ impl Exchange {
                 _ => Reaction::Await(Awaited::Reply(None)),
             },
             (Awaited::Ack | Awaited::Reply(_), Token::Nck) => Reaction::Await(Awaited::Refused),
-            // The acknowledgement was damaged, but this is what it promised.
+            // The acknowledgement was damaged, but this is the packet that it promised.
             (Awaited::Ack, Token::Packet(packet)) if self.asks_for(packet) => Reaction::Sends,
             (Awaited::Ack, Token::Prompt) => Reaction::Irregular,
             (Awaited::Reply(answer), Token::Values(values)) => {

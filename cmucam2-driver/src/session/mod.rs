@@ -1,11 +1,11 @@
 //! The dialogue with the camera as a state machine: no input, no output, no clock.
 //!
-//! The caller gives it a [`Request`], bytes that came and the time; it gives bytes to send, the
-//! time at which it wants to be called at the latest, and in the end an [`Answer`] or a [`Fault`]:
+//! The caller gives it a [`Request`], received bytes and the time; it gives bytes to send, the time at which
+//! it wants to be called at the latest, and in the end an [`Answer`] or a [`Fault`]:
 //!
 //! 1. [`begin`](Session::begin) a request;
-//! 2. while [`pending`](Session::pending) is not empty, send it and tell how much
-//!    [was sent](Session::sent); after it the payload, if it is [due](Session::payload_due);
+//! 2. while [`pending`](Session::pending) is not empty, send it and tell how many bytes [were
+//!    sent](Session::sent); after it the payload, if it is [due](Session::payload_due);
 //! 3. give every byte that comes to [`receive`](Session::receive), and call
 //!    [`tick`](Session::tick) when [`deadline`](Session::deadline) is reached;
 //! 4. after each of these look for the [`outcome`](Session::outcome).
@@ -15,28 +15,27 @@
 //! # How it is made
 //! | part | holds |
 //! |---|---|
-//! | `port` | both directions of the line, how long it may be silent |
-//! | `synchronisation` | how the camera is made to listen |
-//! | `exchange` | one command and what of its reply is awaited |
+//! | `port` | both directions of the line, and its longest silence |
+//! | `synchronisation` | the steps that make the camera listen |
+//! | `exchange` | one command and the awaited part of its reply |
 //! | `stream` | packets and images as they come |
 //! | `script` | the request under way, step by step |
-//! | [`Modes`] | what was set, and how a camera that forgot it is told again |
-//! | `dialogue` | what one of these does after the other |
+//! | [`Modes`] | the settings, and the commands that restore them |
+//! | `dialogue` | the order of all of these |
 //!
-//! # What it takes care of
+//! # Its work
 //! - Before the first command, after anything irregular and to end a stream: a carriage return, all
 //!   bytes up to the prompt dropped, another carriage return, `ACK` and prompt required, and a
 //!   moment of silence, so that no reply is taken for that of another command.
 //! - `NCK`, silence and garbage: [idempotent](crate::command::Order::is_idempotent) commands are repeated, at
 //!   most [`Policy::retries`] times.
-//! - A camera that restarts: its banner between other bytes, an `ACK` where a running stream would
-//!   have been stopped without one, or a stream where poll mode was set, twice in a row: one damaged line
-//!   may look like that. (An idle camera that
-//!   restarts while nobody reads its banner is not noticed before that.) The [`Modes`] are set again and a colour-tracking or
-//!   statistics stream is started again before the request goes on. A stream tells it with
-//!   [`Fault::Restarted`], because what the camera had adapted to is lost; frame differencing has
-//!   lost its reference and must be begun anew. Any other request that can be repeated just goes
-//!   on: to whom the adaptation matters, [`Session::restarts`] tells.
+//! - A camera that restarts: its banner between other bytes, an `ACK` where a running stream would have been
+//!   stopped without one, or a stream where poll mode was set, twice in a row: one damaged line may look like
+//!   that. (A restart of an idle camera is noticed only when its banner is read.) The [`Modes`] are set again
+//!   and a colour-tracking or statistics stream is started again before the request goes on. A stream tells
+//!   it with [`Fault::Restarted`], because the camera's adaptation is lost; frame differencing has lost its
+//!   reference and must be begun anew. Any other request that can be repeated just goes on: a caller that
+//!   depends on the adaptation asks [`Session::restarts`].
 //! - Silence under packet filter is [`Answer::Quiet`] when nothing was tracked last.
 
 mod dialogue;
@@ -84,12 +83,12 @@ impl Session {
         }
     }
 
-    /// What was set, and will be set again after a restart of the camera.
+    /// Settings, which will be set again after a restart of the camera.
     pub fn modes(&self) -> &Modes {
         self.dialogue.modes()
     }
 
-    /// How patient it is.
+    /// Time-outs and counts.
     pub fn policy(&self) -> &Policy {
         self.dialogue.policy()
     }
@@ -99,12 +98,12 @@ impl Session {
         self.dialogue.frame()
     }
 
-    /// What came and made no sense.
+    /// Bytes that made no sense.
     pub fn dropped(&self) -> &DroppedBytes {
         self.dialogue.port.parser.dropped()
     }
 
-    /// How often the camera was seen to restart without having been told to.
+    /// Number of restarts of the camera that it was not told to make.
     pub fn restarts(&self) -> u16 {
         self.dialogue.restarts
     }
@@ -114,12 +113,12 @@ impl Session {
         self.dialogue.unexpected()
     }
 
-    /// How often a command was repeated.
+    /// Number of repeated commands.
     pub fn retries(&self) -> u16 {
         self.dialogue.retries
     }
 
-    /// When the last byte of the last packet that was answered was received, in the time of
+    /// Time when the last byte of the last packet that was answered was received, in the time of
     /// [`receive`](Self::receive). `None` before the first one.
     pub fn packet_at(&self) -> Option<u64> {
         self.dialogue.packet_at
@@ -145,7 +144,7 @@ impl Session {
         self.dialogue.port.sent(bytes);
     }
 
-    /// Whether the raw bytes that belong to the command
+    /// Returns true if the raw bytes that belong to the command
     /// ([`Command::UploadDifference`](crate::Command::UploadDifference)) are to be sent now.
     pub fn payload_due(&self) -> bool {
         self.dialogue.port.payload_due()
@@ -156,7 +155,7 @@ impl Session {
         self.dialogue.payload_sent(now);
     }
 
-    /// When to call [`Session::tick`] at the latest. `None` when no request is under way.
+    /// Latest time to call [`Session::tick`]. `None` when no request is under way.
     pub fn deadline(&self) -> Option<u64> {
         match self.state {
             State::Busy(..) => Some(self.dialogue.port.deadline()),
@@ -217,8 +216,8 @@ impl Session {
         }
     }
 
-    /// The request under way will not be finished. Nothing can be said of what the camera will send
-    /// next, unless it only sends its stream.
+    /// The request under way will not be finished. The camera's next bytes cannot be foretold, unless it only
+    /// sends its stream.
     fn abandon(&mut self) {
         if let State::Busy(_, doing) = &self.state {
             self.dialogue.abandon(doing);

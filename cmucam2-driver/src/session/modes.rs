@@ -1,4 +1,4 @@
-//! What was set, so that it can be set again.
+//! Settings that were made, so that they can be made again.
 
 use core::ops::Range;
 
@@ -16,10 +16,10 @@ use crate::{
     servo::ServoMask,
 };
 
-/// How many different registers are remembered.
+/// Number of different registers that are remembered.
 pub const REGISTERS_MAX: usize = 2 * PAIRS_MAX;
 
-/// How a mode is told: the letters of its command and how many arguments that has, by [`Mode`].
+/// Commands of the modes: letters and number of arguments, by [`Mode`].
 const COMMANDS: [([u8; 2], u8); 32] = [
     (*b"CT", 1),
     (*b"HR", 1),
@@ -62,7 +62,7 @@ const SERVO_OUTPUT: [u8; 2] = *b"SO";
 /// The arguments of all modes, one after the other.
 const ARGUMENTS: usize = count(&COMMANDS);
 
-/// How many arguments these modes have.
+/// Number of arguments of these modes.
 const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
     let mut sum = 0;
     while let [(_, len), others @ ..] = modes {
@@ -72,7 +72,7 @@ const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
     sum
 }
 
-/// Where the arguments of a mode are.
+/// Places of the arguments of a mode.
 fn place(mode: usize) -> Option<Range<usize>> {
     let from = count(COMMANDS.get(..mode)?);
     let to = count(COMMANDS.get(..=mode)?);
@@ -105,7 +105,7 @@ impl Default for Modes {
     }
 }
 
-/// How far a camera that has lost its modes was told them again.
+/// Progress of telling a camera its lost modes again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Cursor(u8);
 
@@ -121,7 +121,7 @@ impl Modes {
                     self.bounds = ColourBounds::new(values).ok();
                 }
             }
-            // The camera has chosen bounds that are not known here.
+            // The camera has chosen bounds that the driver does not know.
             Effect::OwnBounds => self.bounds = None,
             Effect::Reset => *self = Self::default(),
         }
@@ -183,7 +183,7 @@ impl Modes {
         }
     }
 
-    /// Whether all of these registers can be remembered.
+    /// Returns true if all of these registers can be remembered.
     pub(super) fn has_room(&self, order: &Order) -> bool {
         if order.effect() != Effect::Registers {
             return true;
@@ -205,8 +205,8 @@ impl Modes {
             .map(|&[_, value]| value)
     }
 
-    /// The next of the commands that bring a camera from its reset to these modes: the camera type,
-    /// the registers, the other modes, and between them, before what bounds are used for, the bounds.
+    /// The next of the commands that bring a camera from its reset to these modes: the camera type, the
+    /// registers, the other modes, and between them, before the commands that use them, the bounds.
     pub(super) fn next(&self, cursor: &mut Cursor) -> Option<Order> {
         const REGISTERS: u8 = Mode::HighResolution as u8;
         const MORE_REGISTERS: u8 = REGISTERS + 1;
@@ -293,7 +293,7 @@ impl Modes {
         }
     }
 
-    /// Whether one frame follows the other.
+    /// Returns true if one frame follows the other.
     pub(super) fn frame_stream(&self) -> bool {
         FULL && self.value(Mode::FrameStream) == Some(1)
     }
@@ -314,7 +314,7 @@ impl Modes {
         }
     }
 
-    /// What may come after a command.
+    /// Expected bytes after a command.
     pub(super) fn expectation(
         &self,
         order: &Order,
@@ -349,7 +349,7 @@ impl Modes {
         expectation
     }
 
-    /// What other modes make of packets and images.
+    /// Effect of other modes on packets and images.
     fn expect_formats(&self, order: &Order, expectation: &mut Expectation) {
         let reply = order.reply();
         let servos = match reply {

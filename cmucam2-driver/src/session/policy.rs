@@ -1,4 +1,4 @@
-//! How patient the driver is.
+//! Time-outs and counts of the driver.
 
 /// Times in microseconds, and counts.
 ///
@@ -21,16 +21,16 @@ pub struct Policy {
     pub settle_us: u32,
     /// Pause before a command is repeated.
     pub pause_us: u32,
-    /// How long a frame that is being sent may take to drain. A whole one of 176 x 255 pixels
+    /// Longest time that a frame that is being sent may take to drain. A whole one of 176 x 255 pixels
     /// takes 35 s at 38400 baud.
     pub frame_us: u32,
-    /// How long the blocking driver pauses between two looks at a UART that has nothing. Keep it
+    /// Pause of the blocking driver between two looks at a UART that has nothing. Keep it
     /// below the time of one character if the UART holds only one: 87 us at 115200 baud.
     pub poll_us: u32,
-    /// How often a command is repeated before it fails.
+    /// Number of times that a command is repeated before it fails.
     pub retries: u8,
-    /// After so many silent calls under packet filter the stream is stopped and started again, to
-    /// see whether the camera is still there.
+    /// After so many silent calls under packet filter the stream is stopped and started again, to see if the
+    /// camera is still there.
     pub quiet_calls: u8,
     /// Drop T packets of colour tracking whose pixels and confidence contradict their box, see
     /// [`Tracking::is_consistent`](crate::packet::Tracking::is_consistent). Off by default: it

@@ -1,4 +1,4 @@
-//! Both directions of the line, and how long it may be silent.
+//! Both directions of the line, and its longest silence.
 
 use super::Policy;
 use crate::{
@@ -7,11 +7,11 @@ use crate::{
     parser::{Parser, Token},
 };
 
-/// The longest pause within a line: at 1200 baud a character and the greatest delay after it take
-/// 0.22 s. What comes later is another line, of a camera that restarted in the middle of the first.
+/// The longest pause within a line: at 1200 baud a character and the greatest delay after it take 0.22 s.
+/// Bytes that come later are another line, of a camera that restarted in the middle of the first.
 const PAUSE_IN_LINE_US: u64 = 250_000;
 
-/// What came since this was last forgotten.
+/// Kind of the bytes that came since this was last forgotten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Heard {
     Nothing,
@@ -29,7 +29,7 @@ enum Payload {
     Sent,
 }
 
-/// What is sent, what comes, and until when. Times are microseconds.
+/// Bytes to send, received bytes, and the time to wait. Times are microseconds.
 #[derive(Clone, Debug)]
 pub(super) struct Port {
     pub(super) parser: Parser,
@@ -38,9 +38,9 @@ pub(super) struct Port {
     sent: u8,
     payload: Payload,
     heard: Heard,
-    /// When the last byte came.
+    /// Time when the last byte came.
     heard_at: u64,
-    /// How long it may be silent.
+    /// Longest silence of the line.
     silence: u32,
     silence_at: u64,
     limit_at: u64,
@@ -76,19 +76,19 @@ impl Port {
             .saturating_add(u8::try_from(bytes).unwrap_or(u8::MAX));
     }
 
-    /// A command to send, instead of what was pending.
+    /// A command to send, instead of the one that was pending.
     pub(super) fn send(&mut self, order: &Order) {
         self.line = order.line();
         self.sent = 0;
     }
 
-    /// Forgets the payload and what was heard for another command.
+    /// Forgets the payload and the bytes heard for another command.
     pub(super) fn turn(&mut self) {
         self.payload = Payload::None;
         self.heard = Heard::Nothing;
     }
 
-    /// The raw bytes of the command are due, unless they were sent. Whether they are now.
+    /// The raw bytes of the command are due, unless they were sent. Returns true if they are due now.
     pub(super) fn ask_payload(&mut self) -> bool {
         let due = FULL && self.payload == Payload::None;
         if due {
@@ -129,7 +129,7 @@ impl Port {
         Some(token)
     }
 
-    /// From now on only what comes counts.
+    /// From now on only new bytes count.
     pub(super) fn listen(&mut self) {
         self.heard = Heard::Nothing;
     }
@@ -159,7 +159,7 @@ impl Port {
         self.silence_at.min(self.limit_at)
     }
 
-    /// Whether it was silent for as long as it may be.
+    /// Returns true if it was silent for as long as it may be.
     pub(super) fn is_silent(&self, now: u64) -> bool {
         now >= self.silence_at
     }

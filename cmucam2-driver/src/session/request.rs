@@ -1,4 +1,4 @@
-//! What is asked of the camera, what it answers, and why not.
+//! Requests to the camera, its answers, and faults.
 
 use core::fmt;
 
@@ -10,12 +10,12 @@ use crate::{
     parser::ImageHeader,
 };
 
-/// What is wanted of the camera.
+/// Request to the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {
-    /// Exchange one command. Of a command that answers with packets, one is taken and the camera
-    /// is stopped if it goes on.
+    /// Exchange one command. For a command that answers with packets, one is taken and the camera is stopped
+    /// if it goes on.
     Do(Order),
     /// Begin a stream of packets or a frame, to be read with [`Request::Next`]. In poll mode
     /// nothing streams: each `Next` asks for a packet.
@@ -37,25 +37,24 @@ pub enum Request {
     StartUp(StartUp),
     /// Learn a colour, and perhaps start to track it.
     Learn {
-        /// By which means.
+        /// Method of learning.
         how: Learn,
-        /// Whether a stream begins afterwards.
+        /// True if a stream begins afterwards.
         track: bool,
     },
 }
 
-/// What the camera answered.
+/// Answer of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Answer {
-    /// It did it.
+    /// It carried the command out.
     Done,
     /// The numbers asked for; the rest is zero.
     Values([u8; 6]),
-    /// What the banner says.
+    /// Contents of the banner.
     Version(FirmwareVersion),
-    /// The packet that was asked for: when it came tells
-    /// [`Session::packet_at`](super::Session::packet_at).
+    /// The packet that was asked for: [`Session::packet_at`](super::Session::packet_at) tells its time.
     Packet(Packet),
     /// Nothing, and that is right: packet filter is on and nothing was tracked last.
     Quiet,
@@ -65,21 +64,21 @@ pub enum Answer {
     Header(ImageHeader),
     /// A row is in the caller's buffer.
     Row {
-        /// How many bytes of it.
+        /// Number of its bytes.
         bytes: u16,
-        /// Whether it is complete and every byte is possible.
+        /// True if it is complete and every byte is possible.
         intact: bool,
     },
     /// The image is over.
     End {
-        /// How many rows came.
+        /// Number of rows that came.
         rows: u16,
-        /// Whether all of it was as announced.
+        /// True if all of it was as announced.
         intact: bool,
     },
 }
 
-/// Why there is no answer.
+/// Reason why there is no answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -93,8 +92,8 @@ pub enum Fault {
     },
     /// Bytes came, but not one word of a camera: wrong baud rate, overrun, noise.
     Garbage,
-    /// The camera restarted. Its modes are set again and its stream, if that is possible, runs
-    /// again; what it had adapted to, and a reference frame, are lost.
+    /// The camera restarted. Its modes are set again and its stream, if that is possible, runs again; its
+    /// adaptation, and a reference frame, are lost.
     Restarted,
     /// There is no stream to read from.
     NotStreaming,

@@ -1,4 +1,4 @@
-//! Requests as scripts: what is to be done, step by step.
+//! Requests as scripts: their steps in order.
 
 use core::ops::ControlFlow;
 
@@ -13,7 +13,7 @@ use crate::{
 #[cfg(feature = "full")]
 use crate::{geometry::Window, packet::Packet};
 
-/// How far TW goes to either side of the mean.
+/// Levels that TW takes to either side of the mean.
 const WINDOW_MARGIN: u8 = 30;
 
 /// Reset, let the camera adapt to the light, then freeze gain and white balance, so that a colour
@@ -21,9 +21,9 @@ const WINDOW_MARGIN: u8 = 30;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StartUp {
-    /// How long the camera adapts, milliseconds.
+    /// Time for which the camera adapts, milliseconds.
     pub adapt_ms: u32,
-    /// What the channels mean from then on.
+    /// Meaning of the channels from then on.
     pub colour_mode: ColourMode,
 }
 
@@ -37,7 +37,7 @@ impl Default for StartUp {
     }
 }
 
-/// How to learn the colour of the object in view (thesis, Appendix A: "Object kept").
+/// Method of learning the colour of the object in view (thesis, Appendix A: "Object kept").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Learn {
@@ -48,14 +48,14 @@ pub enum Learn {
     /// The mean of a window (`GM`) and a margin to either side. With the feature `full`.
     #[cfg(feature = "full")]
     Mean {
-        /// Where the object is; `None` for the middle half of the frame.
+        /// Window of the object; `None` for the middle half of the frame.
         window: Option<Window>,
         /// Levels to either side of the mean.
         margin: u8,
     },
 }
 
-/// What to do next.
+/// The next step.
 pub(super) enum Step {
     /// Exchange a command.
     Send(Order, Purpose),
@@ -74,24 +74,24 @@ pub(super) enum Step {
     Fail(Fault),
 }
 
-/// Whether the camera restarted while a request was under way, and when.
+/// Restart of the camera while a request was under way, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Interruption {
     None,
     /// Before its command was sent.
     Early,
-    /// Perhaps after the camera had done it.
+    /// Perhaps after the camera had carried it out.
     Late,
 }
 
-/// The request under way, and how far it is.
+/// The request under way, and its progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Task {
     pub(super) request: Request,
     step: u8,
-    /// What was tried and failed since something succeeded.
+    /// Number of failed tries since the last success.
     pub(super) failures: u8,
-    /// How often the camera restarted.
+    /// Number of restarts of the camera.
     pub(super) restarts: u8,
     interruption: Interruption,
     /// It may have restarted: a stream came where one packet was asked for.
@@ -123,7 +123,7 @@ impl Task {
         }
     }
 
-    /// Whether it reads a stream.
+    /// Returns true if it reads a stream.
     pub(super) fn reads(&self) -> bool {
         matches!(self.request, Request::Next | Request::NextPart { .. })
     }
@@ -136,7 +136,7 @@ impl Task {
         }
     }
 
-    /// Whether it begins a stream in the place of another.
+    /// Returns true if it begins a stream in the place of another.
     pub(super) fn begins(&self) -> bool {
         matches!(
             self.request,
@@ -144,7 +144,7 @@ impl Task {
         )
     }
 
-    /// Whether it sets the camera back next, so that what that has lost does not matter.
+    /// Returns true if it resets the camera next, so that lost modes do not matter.
     pub(super) fn is_resetting(&self) -> bool {
         match self.request {
             Request::Do(order) => order == Order::RESET,
@@ -155,7 +155,7 @@ impl Task {
         }
     }
 
-    /// Whether the modes stay known while it resets the camera.
+    /// Returns true if the modes stay known while it resets the camera.
     pub(super) fn keeps_modes(&self) -> bool {
         #[cfg(feature = "full")]
         if self.request == Request::Recover {
@@ -164,7 +164,7 @@ impl Task {
         false
     }
 
-    /// The camera restarted, perhaps after it had done what was `asked`. A script begins again.
+    /// The camera restarted, perhaps (`asked`) after it had carried out the command. A script begins again.
     pub(super) fn on_restart(
         &mut self,
         asked: bool,
@@ -185,18 +185,18 @@ impl Task {
     }
 
     /// A stream came where one packet was asked for. A damaged line may look so, and a restart costs many
-    /// seconds of adapting: the request is made once more, and whether a stream comes again tells. Whether
-    /// it had come already.
+    /// seconds of adapting: the request is made once more, and a second stream proves the restart. Returns
+    /// true if one had come already.
     pub(super) const fn is_suspected_again(&mut self) -> bool {
         core::mem::replace(&mut self.is_suspected, true)
     }
 
-    /// Whether the camera restarted since the request, or before it.
+    /// Returns true if the camera restarted since the request, or before it.
     pub(super) fn was_interrupted(&self) -> bool {
         self.interruption != Interruption::None
     }
 
-    /// Whether its command may be sent after a restart.
+    /// Returns true if its command may be sent after a restart.
     pub(super) fn may_go_on(&self) -> bool {
         match self.request {
             Request::Do(order) => self.interruption != Interruption::Late || order.is_idempotent(),
@@ -209,7 +209,7 @@ impl Task {
         self.step = self.step.saturating_add(1);
     }
 
-    /// What a request answers when the stream that it begins runs.
+    /// Answer of a request when the stream that it begins runs.
     pub(super) fn begun(&self, modes: &Modes) -> Answer {
         match (self.request, modes.bounds()) {
             (Request::Learn { .. }, Some(bounds)) => Answer::Bounds(bounds),
@@ -217,7 +217,7 @@ impl Task {
         }
     }
 
-    /// What comes next, after the last step had this answer.
+    /// The next step, after the last one had this answer.
     pub(super) fn next(
         &self,
         answer: Option<Answer>,

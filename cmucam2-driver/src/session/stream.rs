@@ -11,7 +11,7 @@ use crate::{
 /// A camera that sends, until it is stopped or the prompt comes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stream {
-    /// What it was told.
+    /// Order that it was given.
     pub(super) order: Order,
     /// The last packet was empty, or there was none yet.
     lost: bool,
@@ -37,7 +37,7 @@ impl Stream {
         }
     }
 
-    /// Whether rows fit into so many bytes.
+    /// Returns `Ok` if rows fit into so many bytes.
     ///
     /// # Errors
     /// [`Fault::RowBuffer`].
@@ -50,7 +50,7 @@ impl Stream {
         Ok(())
     }
 
-    /// What an event means for who reads the stream. `dropped`: bytes dropped so far.
+    /// Meaning of an event for the reader of the stream. `dropped`: bytes dropped so far.
     pub(super) fn on_event(
         &mut self,
         exchange: &Exchange,
@@ -105,7 +105,7 @@ impl Stream {
         }
     }
 
-    /// Whether silence is right under packet filter: the last packet was empty or may have been
+    /// Returns true if silence is right under packet filter: the last packet was empty or may have been
     /// dropped.
     pub(super) fn may_be_quiet(&self, dropped: u32) -> bool {
         matches!(
@@ -114,7 +114,7 @@ impl Stream {
         ) && (self.lost || dropped != self.dropped_then)
     }
 
-    /// Counts a request that ended in silence. How many there were.
+    /// Counts a request that ended in silence. Returns the number of them.
     pub(super) fn count_quiet(&mut self) -> u8 {
         self.quiet = self.quiet.saturating_add(1);
         self.quiet

@@ -1,10 +1,10 @@
-//! Making the camera listen, whatever it was doing: a carriage return, all bytes up to the prompt
+//! Making the camera listen, whatever it did before: a carriage return, all bytes up to the prompt
 //! dropped, another carriage return, `ACK` and prompt required, and a moment of silence.
 
 use super::{Policy, port::Port, request::Answer};
 use crate::{command::Order, parser::Token};
 
-/// What is being waited for.
+/// Part of the reply that is awaited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// The prompt after the first carriage return.
@@ -17,7 +17,7 @@ enum Stage {
     Settle,
 }
 
-/// Why the camera is stopped.
+/// Purpose of the stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// So that it takes a command.
@@ -28,7 +28,7 @@ pub(super) enum Purpose {
     Frame,
 }
 
-/// How far it is.
+/// Progress of the synchronisation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Synchronisation {
     stage: Stage,
@@ -36,10 +36,10 @@ pub(super) struct Synchronisation {
     tries: u8,
 }
 
-/// What goes on when the camera listens.
+/// The next step when the camera listens.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Resume {
-    /// Whatever the request wants next.
+    /// The next wish of the request.
     Plan,
     /// The command that was sent last is sent again.
     Repeat,
@@ -47,7 +47,7 @@ pub(super) enum Resume {
     Conclude(Answer),
 }
 
-/// What came of silence.
+/// Outcome of silence.
 pub(super) enum Outcome {
     /// It is tried again.
     Again,
@@ -94,7 +94,7 @@ impl Synchronisation {
         }
     }
 
-    /// Takes what came. Whether it shows that the camera has restarted.
+    /// Takes a token. Returns true if it shows that the camera has restarted.
     pub(super) fn on_event(
         &mut self,
         event: &Token,

@@ -64,7 +64,7 @@ fn request(random: &mut Random) -> Request {
     }
 }
 
-/// What the other end says to `sent`.
+/// Answer of the other end to `sent`.
 type Camera<'a> = &'a mut dyn FnMut(&[u8]) -> Vec<u8>;
 
 /// Drives a request to its end; `None` if it takes longer than ten minutes of its own time.
@@ -107,7 +107,7 @@ fn drive(
     }
 }
 
-/// A camera that does what it is told.
+/// A camera that obeys its commands.
 fn sane(streaming: &mut bool, sent: &[u8]) -> Vec<u8> {
     let Some(line) = sent.strip_suffix(b"\r") else {
         return Vec::new();
@@ -181,7 +181,7 @@ fn every_request_ends_and_the_camera_is_usable_afterwards() {
     }
 }
 
-/// A line that carries nothing but noise at full speed.
+/// A line that carries only noise at full speed.
 #[test]
 fn noise_for_ever_is_garbage_in_bounded_time() {
     for byte in [0x00, b'T', b'\r', b'5', 0xFF, b'A'] {

@@ -1,4 +1,4 @@
-//! Commands: golden bytes, what is refused, round trips.
+//! Commands: golden bytes, refusals, round trips.
 
 use cmucam2_driver::{
     Command,
@@ -204,7 +204,7 @@ fn any_line() -> impl Strategy<Value = String> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(20_000))]
 
-    /// Whatever is accepted means the same when it is written and read again.
+    /// Every accepted line means the same when it is written and read again.
     #[test]
     fn what_is_accepted_comes_back(line in any_line()) {
         if let Ok(command) = Command::parse(line.as_bytes()) {

@@ -105,7 +105,7 @@ both! {
         assert!(cam.session().dropped().bytes > 0);
     }
 
-    /// The line is good, so the baud rate is: what came is not what was asked for.
+    /// The line is good, so the baud rate is: the camera sent something else than it was asked for.
     fn an_answer_of_another_kind_is_no_garbage<D>() {
         let unexpected = |command| Fault::Unexpected { command };
         let mut script = Script::idle();

@@ -466,8 +466,7 @@ proptest! {
     }
 }
 
-/// What an image of three columns and two rows counts: images, lines that were cut, bytes; and
-/// which tokens it makes.
+/// Counts of an image of three columns and two rows: images, lines that were cut, bytes; and its tokens.
 fn counted(image: ImageExpectation, bytes: &[u8]) -> ((u32, u32, u32), Vec<Token>) {
     let mut parser = Parser::new(Expectation {
         image,
@@ -519,7 +518,7 @@ fn a_row_is_intact_by_itself() {
     }
 }
 
-/// An image whose end is missing ends before what follows, of which nothing is lost.
+/// An image whose end is missing ends before the next token, of which nothing is lost.
 #[test]
 fn an_image_without_its_end_loses_nothing_else() {
     let rows = ImageExpectation::Tracking(TrackingLines::Rows);

@@ -85,7 +85,7 @@ fn registers(numbers: std::ops::Range<u8>) -> Registers {
     Registers::new(&pairs).unwrap()
 }
 
-/// A camera that acknowledges all, and what it was told.
+/// A camera that acknowledges all, and the commands that it got.
 fn drive(session: &mut Session, request: Request, now: &mut u64) -> (Answer, Vec<Command>) {
     let mut told = Vec::new();
     session.begin(request, *now);

@@ -83,10 +83,10 @@ pub(crate) fn random_streams(count: u64, seed: u64) -> u64 {
     total
 }
 
-/// Of a stream of tracking packets every fifth line is damaged: what is delivered is exactly what
-/// an independent reader of the whole text finds, and the undamaged lines after an undamaged one
-/// are among it. Returns how many packets were delivered, and how many of them differ from what
-/// the camera sent, because their damage cannot be detected.
+/// Every fifth line of a stream of tracking packets is damaged. The parser delivers exactly what an
+/// independent reader of the whole text finds, and the undamaged lines after an undamaged one are among it.
+/// Returns the number of delivered packets, and the number of those that differ from the camera's own,
+/// because their damage cannot be detected.
 pub(crate) fn damaged_streams(count: u64, seed: u64, strict: bool) -> (u64, u64) {
     let mut random = Random::new(seed);
     let mut delivered = 0;

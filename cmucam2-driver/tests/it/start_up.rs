@@ -26,7 +26,7 @@ fn started() -> Script {
 }
 
 both! {
-    /// The golden transcript: what goes out is what the script expects, in this order; the camera
+    /// The golden transcript: the bytes sent are those that the script expects, in this order; the camera
     /// adapts for five seconds between the two register commands.
     fn the_thesis_start_up_byte_by_byte<D>() {
         let script = started()

@@ -33,7 +33,7 @@ pub(crate) fn tracking(random: &mut Random) -> Tracking {
     )
 }
 
-/// Damages a line as lines get damaged: changed, lost, doubled, inserted and cut bytes.
+/// Damages a line as real lines are damaged: changed, lost, doubled, inserted and cut bytes.
 pub(crate) fn damage(random: &mut Random, line: &mut Vec<u8>) {
     for _ in 0..=random.below(2) {
         if line.is_empty() {
@@ -53,8 +53,8 @@ pub(crate) fn damage(random: &mut Random, line: &mut Vec<u8>) {
     }
 }
 
-/// What a text-mode stream says, read with the whole text at hand: the last `T` of a line, and
-/// what follows it up to the carriage return. Knows nothing of how the parser works.
+/// Packets of a text-mode stream, read with the whole text at hand: the last `T` of a line, and its rest up
+/// to the carriage return. Knows nothing of how the parser works.
 pub(crate) fn read(bytes: &[u8]) -> Vec<Tracking> {
     bytes
         .split_inclusive(|&byte| byte == b'\r' || byte == b':')
@@ -77,7 +77,7 @@ pub(crate) fn read(bytes: &[u8]) -> Vec<Tracking> {
         .collect()
 }
 
-/// What the protocol lets one check of a colour-tracking packet of 88 x 143 pixels.
+/// Checks of a colour-tracking packet of 88 x 143 pixels that the protocol allows.
 pub(crate) fn possible([mx, my, x1, y1, x2, y2, ..]: [u8; 8]) -> bool {
     x1 <= mx && mx <= x2 && x2 <= 88 && y1 <= my && my <= y2 && y2 <= 143
 }

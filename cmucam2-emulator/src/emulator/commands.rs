@@ -1,4 +1,4 @@
-//! What the camera does when it is told something.
+//! Reactions of the camera to commands.
 
 use super::{Activity, Emulator, MILLISECOND, Note, Source, Stream, Time};
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
     statistics::BINS,
 };
 
-/// How far `TW` goes to either side of the mean, unless it says.
+/// Margin of `TW` to either side of the mean, unless the command gives one.
 const LEARN_MARGIN: u8 = 30;
 /// Bins that the numbers 0, 1 and 2 of `HC` select, if they do not mean themselves.
 const SELECTED_BINS: [u8; 3] = [BINS, BINS / 2, BINS / 4];
@@ -21,7 +21,7 @@ impl Emulator {
         self.done();
     }
 
-    /// What was heard, and the command that it is.
+    /// Obeys what was heard, which is this command.
     pub(super) fn obey(&mut self, heard: &[u8], command: Result<Command, Refusal>, now: Time) {
         let command = command.and_then(|command| self.judge(command));
         let command = match command {
@@ -210,7 +210,7 @@ impl Emulator {
 
     /// Commands that only set something.
     fn set(&mut self, command: &Command, now: Time) {
-        // Until now the sensor has adapted as it was told before.
+        // Until now the sensor has adapted by its former settings.
         self.adapt(now);
         let modes = &mut self.modes;
         let arguments = &command.arguments[..];

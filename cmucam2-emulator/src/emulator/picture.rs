@@ -1,4 +1,4 @@
-//! What the sensor sees.
+//! Pictures that the sensor sees.
 
 use std::sync::Arc;
 

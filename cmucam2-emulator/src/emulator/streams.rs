@@ -17,7 +17,7 @@ const DIFFERENCES_PER_SECOND: u64 = 26;
 const SECOND: Time = 1_000_000_000;
 
 impl Emulator {
-    /// How long one frame takes.
+    /// Time that one frame takes.
     fn frame_time(&self, source: Source) -> Time {
         let time = self.modes.frame_time(self.switches());
         match source {
@@ -26,7 +26,7 @@ impl Emulator {
         }
     }
 
-    /// When the first frame is complete that is not over before this time.
+    /// Time when the first frame is complete that is not over before this time.
     pub(super) fn next_frame_from(&self, source: Source, from: Time) -> Time {
         let time = self.frame_time(source);
         from.div_ceil(time) * time
@@ -136,7 +136,7 @@ impl Emulator {
         Packet::masked(b'S', numbers.as_flattened(), self.modes.statistics_mask)
     }
 
-    /// The packet, and whether nothing is tracked.
+    /// The packet, and true if nothing is tracked.
     fn track(&mut self, snapshot: &Snapshot) -> (Packet, bool) {
         let region = self.modes.region(self.switches());
         let view = self.view(snapshot);

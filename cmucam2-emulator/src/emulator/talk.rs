@@ -8,13 +8,13 @@ use crate::{
     switches::Switches,
 };
 
-/// From the last byte of a command to the first of its answer.
+/// Time from the last byte of a command to the first of its answer.
 const LATENCY: Time = MILLISECOND / 5;
-/// From the first byte to the end of sleep.
+/// Time from the first byte to the end of sleep.
 const WAKE: Time = 10 * MILLISECOND;
 /// Longer lines are no commands.
 const LINE_MAX: usize = 128;
-/// By the switch of the version.
+/// Banners, by the switch of the version.
 const BANNERS: [&str; 6] = [
     "CMUcam2 v1.00",
     "CMUcam2 v1.01",
@@ -23,7 +23,7 @@ const BANNERS: [&str; 6] = [
     "CMUcam2 v2.0+",
     "CMUcam3 v1.0",
 ];
-/// What the camera keeps of what comes while it starts, bytes.
+/// Bytes that the camera keeps, of those that come while it starts.
 const EARLY_MAX: usize = 128;
 
 impl Emulator {

@@ -1,16 +1,15 @@
-//! What public programs send and wait for, replayed byte by byte at the default switches.
+//! Bytes that public programs send and wait for, replayed at the default switches.
 //!
-//! Each file in `clients` is what one program does, a step a line; `\r`, `\n` and `\xNN` stand for
-//! bytes:
+//! Each file in `clients` has the steps of one program, a step a line; `\r`, `\n` and `\xNN` stand for bytes:
 //!
 //! | step | |
 //! |---|---|
 //! | `baud N` | the rate of both ends |
 //! | `send BYTES` | one byte after the other, as fast as the line goes |
-//! | `pause MS` | time passes, and what comes is kept |
-//! | `wait BYTES` | what comes is dropped up to and with these |
-//! | `skip` | what has come is dropped |
-//! | `expect BYTES` | what has come is this and nothing else |
+//! | `pause MS` | time passes, and the bytes that come are kept |
+//! | `wait BYTES` | all bytes are dropped up to and with these |
+//! | `skip` | all bytes that have come are dropped |
+//! | `expect BYTES` | exactly these bytes have come |
 //! | `expect-next BYTES` | these come next |
 //! | `bytes HEX...`, `bytes-any N` | these, or so many, come next |
 //! | `packet L N`, `line N` | a text packet of letter and numbers comes next, or its numbers only |
@@ -57,7 +56,7 @@ fn bytes(text: &str) -> Vec<u8> {
 }
 
 impl Client {
-    /// At a camera that was switched on a while ago, and spoken to since by nobody.
+    /// At a camera that was switched on a while ago, and has received nothing since.
     fn new(baud: u32) -> Self {
         let configuration = Configuration {
             baud,

@@ -24,7 +24,7 @@ use crate::support::{SECOND, driver, orange, orange_box};
 const COLUMNS: [u8; 2] = [30, 49];
 const ROWS: [u8; 2] = [40, 79];
 
-/// What an answer must be.
+/// Requirements on an answer.
 #[derive(Clone, Copy, Debug)]
 enum Expect {
     Done,
@@ -56,7 +56,7 @@ enum Expect {
     Image(ImageKind, u16),
 }
 
-/// What is asked, in an order in which one camera can do all of it.
+/// Requests, in an order in which one camera can do all of them.
 fn steps() -> Vec<(Request, Expect)> {
     use Expect as E;
     let axis = |step| ServoAxis {
@@ -304,7 +304,7 @@ fn steps() -> Vec<(Request, Expect)> {
     steps
 }
 
-/// Whether this is the answer of a camera with these switches.
+/// Returns true if this is the answer of a camera with these switches.
 fn is_right(expect: Expect, answer: &Answer, switches: &Switches, window: Option<Window>) -> bool {
     let origin = switches.origin;
     let tracking = match answer {
@@ -414,7 +414,7 @@ fn read_image(link: &mut Link, kind: ImageKind, row_bytes: u16, narrow: u8) -> R
                 rows: 143,
                 intact: true,
             }) if rows == 143 => break,
-            // Whatever came before the stream was read.
+            // Packets from before the stream was read.
             Ok(Answer::Packet(_)) if rows == 0 => {}
             other => return Err(format!("{other:?} after {rows} rows")),
         }
@@ -428,7 +428,7 @@ fn read_image(link: &mut Link, kind: ImageKind, row_bytes: u16, narrow: u8) -> R
     }
 }
 
-/// All steps with one camera; which letters it was sent.
+/// All steps with one camera; returns the letters that it was sent.
 fn run(switches: Switches) -> Result<BTreeSet<[u8; 2]>, String> {
     let configuration = Configuration {
         switches,
@@ -501,7 +501,7 @@ fn the_driver_understands_every_position_of_every_switch() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// What the thesis's start-up is on the line (Appendix A): reset, adapt, freeze, learn, track.
+/// The thesis's start-up on the line (Appendix A): reset, adapt, freeze, learn, track.
 #[test]
 fn the_start_up_is_these_commands() {
     let configuration = Configuration {

@@ -1,11 +1,10 @@
 //! Everything that goes wrong: the driver recovers, and delivers no blob that was not there.
 //!
-//! What "not there" means: the packet that was on the line when its last byte came is not the one
-//! that the driver delivered. Exceptions are faults of the picture (clip, merge, flicker), after
-//! which the camera itself sends another blob, and damage that the protocol cannot show: digits
-//! that become other digits (`corrupt_line`, `corrupt_byte`, `stray`), or that are missing
-//! (`overrun`).
-//! Of these the share is counted and printed.
+//! A blob was "not there" if the packet that was on the line when its last byte came is not the one that the
+//! driver delivered. Exceptions are faults of the picture (clip, merge, flicker), after which the camera itself
+//! sends another blob, and damage that the protocol cannot show: digits that become other digits (`corrupt_line`,
+//! `corrupt_byte`, `stray`), or that are missing (`overrun`).
+//! The share of these is counted and printed.
 
 use cmucam2_driver::{
     command::Command,
@@ -18,10 +17,10 @@ use cmucam2_line::{Link, measure::corruption};
 
 use crate::support::{SECOND, command, driver, driver_with, orange, orange_box};
 
-/// What the camera sends whenever it sees its target undisturbed.
+/// Numbers that the camera sends while it sees its target undisturbed.
 const HERE: [u8; 8] = [40, 60, 31, 41, 50, 80, 100, 255];
 
-/// What an application does: start, read, and recover when reading fails.
+/// Work of an application: start, read, and recover when reading fails.
 struct Application {
     link: Link,
     /// Packets that may still be on the line, with the time at which they end.
@@ -108,7 +107,7 @@ impl Application {
 struct Trial {
     fault: &'static str,
     rate: f64,
-    /// Whether a wrong packet may be delivered.
+    /// True if a wrong packet may be delivered.
     undetectable: bool,
 }
 
@@ -251,7 +250,7 @@ fn a_wrong_baud_rate_is_garbage_or_silence() {
     }
 }
 
-/// A banner in the middle of a stream: what was set is set again.
+/// A banner in the middle of a stream: all that was set is set again.
 #[test]
 fn a_brown_out_in_a_stream_loses_no_mode() {
     for quietly in [false, true] {

@@ -1,4 +1,4 @@
-//! What the camera computes, against counting the pixels of its picture.
+//! Results of the camera, against counting the pixels of its picture.
 
 use cmucam2_driver::{
     colour::{self, ColourBounds, ColourChannel},
@@ -457,7 +457,7 @@ fn freezing_gain_and_white_balance_matters() {
     let off = Registers::two(Register::auto_gain(false), (Register::COLOUR_MODE, 40));
     command(&mut link, Command::Registers(off)).unwrap();
     let frozen = target(&link);
-    // Somebody opens the blinds: an adapting camera would follow.
+    // The blinds open: an adapting camera would follow.
     link.camera.scene_mut().background = Background::Plain([230; 3]);
     link.pass(10 * SECOND);
     assert_eq!(target(&link), frozen);
@@ -528,7 +528,7 @@ fn the_usual_scene_can_be_learned_and_tracked() {
     }
 }
 
-/// A camera nobody talks to has nothing to do.
+/// A camera that receives nothing has nothing to do.
 #[test]
 fn an_idle_camera_has_no_deadline() {
     let mut camera = Emulator::new(Configuration::default(), room());
@@ -538,7 +538,7 @@ fn an_idle_camera_has_no_deadline() {
     assert_eq!(camera.next_frame(), None);
 }
 
-/// Whether the orange box is tracked in such light by a camera that adapted and froze before.
+/// Returns true if the orange box is tracked in such light by a camera that adapted and froze before.
 fn is_tracked_after(change: [f64; 3], adapts_again: bool) -> bool {
     let mut link = driver(Configuration::default(), orange_box([30, 50], [40, 90]));
     link.ask(Request::StartUp(StartUp::default())).unwrap();
@@ -570,7 +570,7 @@ fn a_change_of_light_blinds_a_camera_until_it_adapts_again() {
     }
 }
 
-/// A scene, and a picture of it by another camera: the same packets, whichever frame they are scaled to.
+/// A scene, and a picture of it by another camera: the same packets, to any frame that they are scaled.
 #[test]
 fn a_picture_is_seen_as_the_scene_it_shows() {
     for (sensor, columns) in [(Sensor::Ov6620, 88.0), (Sensor::Ov7620, 160.0)] {

@@ -30,7 +30,7 @@ pub(crate) fn orange_box(columns: [u8; 2], rows: [u8; 2]) -> Scene {
     }
 }
 
-/// Somebody who types and reads.
+/// A terminal that types and reads.
 pub(crate) struct Terminal {
     pub(crate) camera: Emulator,
     pub(crate) now: u64,
@@ -55,7 +55,7 @@ impl Terminal {
         Self::new(configuration, scene)
     }
 
-    /// What comes within this time.
+    /// Bytes that come within this time.
     pub(crate) fn read(&mut self, time: u64) -> Vec<u8> {
         self.now += time;
         std::iter::from_fn(|| self.camera.transmit(self.now))

@@ -1,4 +1,4 @@
-//! What a person at a terminal reads.
+//! Text that a person at a terminal reads.
 
 use cmucam2_emulator::{Configuration, FaultRates, Sensor, Switches};
 use rand::{RngExt, SeedableRng};
@@ -284,7 +284,7 @@ fn sleep() {
     }
 }
 
-/// Bounds turned round: nobody knows.
+/// Bounds turned round: the sources do not tell.
 #[test]
 fn inverted_bounds_are_refused_or_track_nothing() {
     let switches = Switches {
@@ -340,7 +340,7 @@ fn learning_in_the_window_says_what_it_saw() {
     );
 }
 
-/// Whatever is typed, a reset leads back to a camera that answers.
+/// After any input, a reset leads back to a camera that answers.
 #[test]
 fn no_input_breaks_it() {
     let mut random = ChaCha8Rng::seed_from_u64(3);

@@ -26,7 +26,7 @@ fn fact(key: u8, first: u8) -> Entry<SLOT> {
 
 #[test]
 fn an_unused_range_is_an_empty_log() {
-    // What no log has written is no log either.
+    // Bytes that no log has written are no log either.
     for byte in [0xFF, 0, 0x5A] {
         let flash = chip(4, 0);
         flash.bytes_mut().fill(byte);
@@ -198,7 +198,7 @@ fn any_single_bit_may_rot() {
 }
 
 proptest! {
-    /// More of a record rots than can be put right: it alone is lost, and what it replaced does not
+    /// More of a record rots than can be put right: it alone is lost, and the record that it replaced does not
     /// come back. The last record looks torn: there the one before it counts.
     #[test]
     fn a_rotten_record_is_lost_alone(
@@ -210,7 +210,7 @@ proptest! {
             flash.bytes_mut()[slot * SLOT + flip / 8] ^= 1 << (flip % 8);
         }
         let mut log = opened(flash);
-        // Of which key a slot is, and whether its newest; slot 0 is the header.
+        // Key of each slot, if it is its newest; slot 0 is the header.
         let lost = [None, None, Some(1), Some(2), Some(0), None, Some(4), Some(3)][slot];
         for _ in 0..2 {
             for (key, &first) in (0..).zip(&newest) {
@@ -259,7 +259,7 @@ fn who_recovers_is_told_of_rot() {
         let recovered = block_on(log.recover(|_, _| {}));
         assert_eq!(recovered, Err(LogError::Corrupt), "slot {slot}");
     }
-    // And of what rots at work, the last record included.
+    // And of rot during use, the last record included.
     for slot in 1..8 {
         let rotten = flash.copy();
         let mut log = Log::<_, SLOT>::new(rotten.clone(), 0..LARGE).unwrap();

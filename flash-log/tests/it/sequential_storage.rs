@@ -1,6 +1,5 @@
-//! What the map of the crate `sequential-storage` does where this crate's log loses nothing: why
-//! there is a log of our own. Where one of these fails with a newer version, look again whether
-//! there must be.
+//! Tests in which the map of the crate `sequential-storage` loses records where this crate's log loses none: the
+//! reason for a log of our own. Where one of these fails with a newer version, look again if there must be one.
 
 use crate::support;
 
@@ -39,7 +38,7 @@ async fn store(flash: &Flash, key: u8, value: &Value) -> Result<(), Error<FlashE
     map.store_item(&mut buffer, &key, &value.as_slice()).await
 }
 
-/// What became of a map in whose life the power failed again and again.
+/// Outcome of a map in whose life the power failed again and again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
     /// Each record was the one last written, or the one that was being written.

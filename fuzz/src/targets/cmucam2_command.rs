@@ -1,4 +1,4 @@
-//! Any line: what is accepted means the same when it is written and read again.
+//! Any line: an accepted one means the same when it is written and read again.
 
 use cmucam2_driver::Command;
 

@@ -1,5 +1,5 @@
-//! A configuration page of any bytes, with its checksum put right: what is read can be written, and is
-//! then read as the same.
+//! A configuration page of any bytes, with its checksum put right: a page that is read can be written, and is then
+//! read as the same.
 
 use flash_log::Crc32;
 use node_firmware::config::page::{self, PAGE_MAX};

@@ -1,5 +1,5 @@
-//! Both sides of the console's line: any bytes, and any messages in frames. Neither side panics, a message
-//! comes out of its frame as it went in, and what the PC believes then is a record that can be read again.
+//! Both sides of the console's line: any bytes, and any messages in frames. Neither side panics, a message comes
+//! out of its frame as it went in, and the PC's state then is a record that can be read again.
 //!
 //! The first byte: 0 bytes of the line follow; 1 messages to the PC, 2 messages of the PC, each after a
 //! pause in seconds and its length.
@@ -42,7 +42,7 @@ pub(crate) fn run(bytes: &[u8]) {
     let record = view.record(now, None);
     let written = record.to_json(false).expect("a record is text");
     let read = RunRecord::from_json(&written);
-    // Of a network of which nothing is known there is nothing to solve.
+    // A network of which nothing is known has nothing to solve.
     assert!(
         matches!(read, Ok(_) | Err(RecordError::NoCameras)),
         "{read:?}"

@@ -1,5 +1,5 @@
-//! A log is opened over any contents of a flash, over and over: what is written then is there, and stays
-//! when it is opened again.
+//! A log is opened over any contents of a flash, over and over: a record written then is there, and stays when it
+//! is opened again.
 //!
 //! The first byte: 1 the slots in which something stands have right checksums.
 
@@ -71,7 +71,7 @@ pub(crate) fn run(bytes: &[u8]) {
 async fn check(flash: Flash) {
     let end = flash.0.len() as u32;
     {
-        // Whoever must not lose anything is told, or has it.
+        // A user that must not lose anything is told, or has it.
         let mut log = Log::<_, SLOT>::new(Flash(flash.0), 0..end).expect("it fits");
         let _ = log.recover(|_, _| ()).await;
     }

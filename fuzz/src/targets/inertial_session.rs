@@ -1,8 +1,8 @@
 //! Readings of worn sensors of any values at any times: no panic, and every step is one that a person can
 //! have made, with sigmas.
 //!
-//! Records of 20 bytes: pause in units of 2.5 ms, what is in it (1 a compass, 2 any numbers, 4 the heading
-//! is known), and nine numbers of two bytes.
+//! Records of 20 bytes: pause in units of 2.5 ms, contents (1 a compass, 2 any numbers, 4 the heading is known),
+//! and nine numbers of two bytes.
 
 use std::time::Duration;
 

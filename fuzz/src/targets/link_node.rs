@@ -1,7 +1,7 @@
 //! A node that gets any frames at any times does what its contract says, and does not panic.
 //!
-//! The first byte: 1 a device, 2 what comes is the contents of frames that somebody with the key
-//! sealed, 4 the node was a member before. Then come length, pause in units of 10 ms, frame; and so on.
+//! The first byte: 1 a device, 2 the bytes are the contents of frames that an insider with the key sealed, 4 the
+//! node was a member before. Then come length, pause in units of 10 ms, frame; and so on.
 
 use std::time::Duration;
 
@@ -77,7 +77,7 @@ const MEMBERSHIP: Membership = Membership {
     coordinator: COORDINATOR,
 };
 
-/// Somebody with the key, and the address of the device's coordinator.
+/// An insider with the key, and the address of the device's coordinator.
 fn insider() -> FrameSecurity<2> {
     let mut counter = Counter::resume(0);
     counter.reserved(1_000_000);
@@ -85,7 +85,7 @@ fn insider() -> FrameSecurity<2> {
     FrameSecurity::new(COORDINATOR, Protection::EncMic64, key, counter)
 }
 
-/// Two bytes say how it is addressed, the rest is what is in it.
+/// Two bytes give its addresses, the rest is its content.
 fn sealed(insider: &mut FrameSecurity<2>, bytes: &[u8]) -> Option<Vec<u8>> {
     let [form, sequence, payload @ ..] = bytes else {
         return None;

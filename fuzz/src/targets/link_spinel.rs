@@ -1,9 +1,8 @@
-//! Any bytes from a co-processor: no panic, what is understood survives being written, every
-//! request ends, and afterwards a co-processor that works is brought to work.
+//! Any bytes from a co-processor: no panic, a message that is understood survives being written, every request
+//! ends, and afterwards a co-processor that works is brought to work.
 //!
-//! The input is cut at 0xF6. The first byte of a part selects the request; then 0xF7 lets the next
-//! deadline pass, 0xF5 wraps what follows, up to the next of these, into a good HDLC frame, and
-//! everything else comes as it is.
+//! The input is cut at 0xF6. The first byte of a part selects the request; then 0xF7 lets the next deadline pass,
+//! 0xF5 wraps the bytes up to the next of these into a good HDLC frame, and everything else comes as it is.
 
 use spinel_radio::{
     RcpPolicy,
@@ -65,7 +64,7 @@ impl Bench {
     fn happen(&mut self, happenings: &[u8]) {
         let mut rest = happenings;
         while let Some((&first, tail)) = rest.split_first() {
-            // What is to be sent goes out, in pieces of any size.
+            // Bytes to be sent go out, in pieces of any size.
             self.session.output(&mut [0; 64][..usize::from(first % 64)]);
             match first {
                 0xF7 => {
@@ -147,7 +146,7 @@ fn answer(message: &SpinelMessage<'_>) -> Vec<u8> {
     hdlc::encode(&content[..len]).collect()
 }
 
-/// What was understood stays the same when it is written and read again.
+/// A message that was understood stays the same when it is written and read again.
 fn survives(content: &[u8]) {
     let Ok(message) = SpinelMessage::parse(content) else {
         return;

@@ -1,4 +1,4 @@
-//! Whatever parses is written again as the same bytes.
+//! Bytes that parse are written again as the same bytes.
 
 use zigbee_link::wire::{Beacon, Frame, MacCommand};
 

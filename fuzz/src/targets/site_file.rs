@@ -1,4 +1,4 @@
-//! A site, scenario or scene file of any text is refused or read; what is read can be written, and is then
+//! A site, scenario or scene file of any text is refused or read; a file that is read can be written, and is then
 //! read as the same.
 
 use site::{Overrides, Scenario};

@@ -1,7 +1,7 @@
-//! What the page of `host-sim live` takes: `cargo xtask bench live`.
+//! Time and memory of the page of `host-sim live`: `cargo xtask bench live`.
 //!
 //! An hour of `thesis-13` at 100 times real time, with the memory of the server and of the page meanwhile; and
-//! 1,000 cameras, drawn while somebody zooms and moves about. Fails if a goal is missed.
+//! 1,000 cameras, drawn while the view zooms and moves about. Fails if a goal is missed.
 
 use std::{fs, process::ExitCode};
 
@@ -23,7 +23,7 @@ async fn main() -> ExitCode {
     }
 }
 
-/// Prints a figure and what it is to be; whether it is.
+/// Prints a figure and its goal. Returns true if the goal is reached.
 fn figure(name: &str, value: f64, unit: &str, (goal, is_reached): (&str, bool)) -> bool {
     let state = if is_reached { "" } else { "   MISSED" };
     println!("  {name:<52} {value:>9.1} {unit:<10} {goal}{state}");
@@ -40,7 +40,7 @@ fn rounds(stops: usize) -> String {
     toml::to_string(&scenario).unwrap()
 }
 
-/// What a program takes of the machine's memory, in bytes.
+/// Memory of the machine that a program takes, in bytes.
 fn resident(program: &Running) -> f64 {
     let status = fs::read_to_string(format!("/proc/{}/status", program.0.id())).unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:"));

@@ -19,10 +19,10 @@ pub(super) struct CameraOptions {
     /// sightings of a case on.
     #[arg(long, value_name = "DEGREES", value_parser = values::positive)]
     fov_deg: Option<f64>,
-    /// How many columns the camera has [default: 88, or those of a live camera's sensor].
+    /// Number of columns of the camera [default: 88, or those of a live camera's sensor].
     #[arg(long, value_name = "N", requires = "fov_deg")]
     columns: Option<u16>,
-    /// How the lens spreads directions over the columns.
+    /// Projection of the lens: how it spreads directions over the columns.
     #[arg(long, value_enum, default_value_t, requires = "fov_deg")]
     projection: ProjectionOption,
     /// The column of the optical axis, counted from 0 [default: the middle].
@@ -41,7 +41,7 @@ enum ProjectionOption {
 }
 
 impl CameraOptions {
-    /// How many columns were named.
+    /// Number of columns, if it was given.
     pub(super) fn columns(&self) -> Option<u16> {
         self.columns
     }
@@ -51,7 +51,7 @@ impl CameraOptions {
         self.fov_deg.map(f64::to_radians)
     }
 
-    /// The camera, if one was described, with the usual number of columns if none was named.
+    /// The camera, if one was described, with the usual number of columns if none was given.
     pub(super) fn camera(&self, usual_columns: u16) -> Result<Option<Camera<f64>>, CameraError> {
         let Some(field_of_view) = self.fov_deg else {
             return Ok(None);

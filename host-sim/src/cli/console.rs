@@ -69,7 +69,7 @@ pub(super) struct Arguments {
     outputs: RecordOutputs,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     happenings: HappeningsOptions,
-    /// Let new nodes join for so long; 0 lets nobody.
+    /// Let new nodes join for so long; 0 lets none join.
     #[arg(long, value_name = "SECONDS", help_heading = "Things to do")]
     join_window: Option<u16>,
     /// Send a member away: its place is free then. Can be given several times.
@@ -115,7 +115,7 @@ Exit codes:
   2    wrong options, something could not be done, or the line or a file failed
   130  Ctrl-C before what was asked for was done";
 
-/// How long a quiet line is left alone.
+/// Time for which a quiet line is left alone.
 const POLL: Duration = Duration::from_millis(10);
 
 /// `2:learn-colour`, `all:track`
@@ -135,7 +135,7 @@ fn command(text: &str) -> Result<Wish, String> {
     })
 }
 
-/// How it ended.
+/// Outcome of talking to the coordinators.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum End {
     Done,
@@ -148,7 +148,7 @@ enum End {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    // What is wrong with a file is told before anyone waits for the coordinator.
+    // Errors in a file are told before the program waits for the coordinator.
     let site = arguments.site.as_deref();
     let file = site.filter(|name| !BUILT_IN.iter().any(|(known, _)| known == name));
     let files = Files::default()
@@ -225,7 +225,7 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
     Ok(wishes)
 }
 
-/// Nobody reads from a line what somebody else has read.
+/// Refuses a port that is named twice: each byte can be read only once.
 pub(super) fn check_ports(ports: &[String]) -> anyhow::Result<()> {
     let mut numbered = (0..).zip(ports);
     let twice = numbered.any(|(n, path): (usize, _)| ports[..n].contains(path));
@@ -235,12 +235,12 @@ pub(super) fn check_ports(ports: &[String]) -> anyhow::Result<()> {
 
 pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
     let site = Scenario::load(name, &Overrides::default())?;
-    // What is wrong with it is told before anyone waits.
+    // Errors in it are told before any waiting.
     SitePlan::new(&site, &[])?;
     Ok(site)
 }
 
-/// Whether all cameras of the site are calibrated.
+/// Returns true if all cameras of the site are calibrated.
 fn is_complete(lines: &Lines, now: Duration, site: Option<&Scenario>) -> bool {
     let summary = lines.record(now, site).map(|record| record.summary);
     summary.is_ok_and(|summary| summary.calibrated == summary.expected)
@@ -260,7 +260,7 @@ fn talk(
         match lines.exchange(now) {
             Ok(()) => {}
             Err(Ended::Failed(error)) => {
-                // What came last may tell more.
+                // The last bytes may tell more.
                 screen.show(now, lines, happenings)?;
                 return Err(error);
             }
@@ -299,18 +299,18 @@ fn talk(
     }
 }
 
-/// Where news go: lines, and on a terminal the list of members below them.
+/// Output of news: lines, and on a terminal the list of members below them.
 struct Screen(Option<ProgressBar>, Objects);
 
-/// When people were told last of each object of a network.
+/// Time of the last message about each object of a network.
 #[derive(Default)]
 struct Objects(BTreeMap<(u16, u16), Duration>);
 
 impl Objects {
-    /// How often one is told.
+    /// Shortest time between two messages about one object.
     const PERIOD: Duration = Duration::from_secs(1);
 
-    /// What people are told of what happens, if anything.
+    /// Words for people about an event, if any.
     fn words(&mut self, now: Duration, what: &What) -> Option<String> {
         match what {
             What::Tracked {
@@ -344,7 +344,7 @@ impl Objects {
     ) -> Option<String> {
         let Some(object) = is else {
             self.0.remove(&which);
-            return Some("nobody sees it any more".to_owned());
+            return Some("no camera sees it any more".to_owned());
         };
         let is_recent = |at: &Duration| now.saturating_sub(*at) < Self::PERIOD;
         if self.0.get(&which).is_some_and(is_recent) {
@@ -367,7 +367,7 @@ impl Screen {
         let style = ProgressStyle::with_template("{msg}");
         let bar = io::stdout().is_terminal().then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
-            // What came too soon after the last drawing is drawn then.
+            // A drawing that came too soon after the last one is made then.
             bar.enable_steady_tick(Duration::from_secs(1));
             bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
         });

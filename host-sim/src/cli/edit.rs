@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     /// `thesis-13`, `lab`, `grid`, `office`, or the file of a site.
     #[arg(value_name = "SITE|FILE.toml")]
     site: String,
-    /// Where the page saves to. Default: the browser downloads the file.
+    /// File that the page saves to. Default: the browser downloads the file.
     #[arg(long, value_name = "FILE.toml", conflicts_with = "json", value_parser = values::result())]
     save: Option<PathBuf>,
     /// Opens nothing, but writes what to expect, and where a further camera or stop would help most.
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Nobody has a file of their own before they saved one.
+/// Adds a hint to the error of a missing file: a user has no file before the first save.
 fn how_to_begin(name: &str, error: anyhow::Error) -> anyhow::Error {
     let is_missing = |cause: &io::Error| cause.kind() == io::ErrorKind::NotFound;
     match error.downcast_ref().is_some_and(is_missing) {

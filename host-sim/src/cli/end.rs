@@ -1,30 +1,30 @@
-//! How runs ended, and how results tell it that are of no whole run.
+//! Ends of runs, and marks in results that are not of a whole run.
 
 use serde::Deserialize;
 
-/// Whether results are of all that was to be done.
+/// Completeness of results.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum End {
-    /// They are.
+    /// The results are of all that was to be done.
     Whole,
-    /// They are of what was before this happened.
+    /// The results are of the time before this happened.
     CutShort(String),
 }
 
-/// What records of runs that were cut short have besides.
+/// Extra field in the record of a run that was cut short.
 #[derive(Deserialize)]
 struct Mark {
     cut_short: Option<String>,
 }
 
 impl End {
-    /// What a record says of itself.
+    /// Reads from a record how its run ended.
     pub(super) fn of_json(text: &str) -> serde_json::Result<Self> {
         let mark: Mark = serde_json::from_str(text)?;
         Ok(mark.cut_short.map_or(Self::Whole, Self::CutShort))
     }
 
-    /// Why they are not, if so.
+    /// Reason why the results are not complete, if they are not.
     pub(super) fn why(&self) -> Option<&str> {
         match self {
             Self::Whole => None,
@@ -53,7 +53,7 @@ impl End {
         }
     }
 
-    /// YAML, and CSV, of which many readers refuse the line: better than a table that pretends.
+    /// YAML and CSV. Many readers of CSV refuse the line: better than a table that seems to be complete.
     pub(super) fn mark_lines(&self, text: String) -> String {
         match self {
             Self::Whole => text,

@@ -1,5 +1,5 @@
-//! All files of a command, known before any is written: what it reads stays, and no result takes
-//! another one's place.
+//! All files of a command, known before any is written: the files that it reads stay, and no result
+//! takes another one's place.
 
 use std::{
     fs::{self, File, Metadata, OpenOptions},
@@ -14,7 +14,7 @@ use super::file_name;
 /// Links that are followed from one to the next.
 const LINKS_MAX: usize = 40;
 
-/// What a command reads and what it writes.
+/// Files that a command reads and that it writes.
 #[derive(Default)]
 pub(super) struct Files<'a> {
     read: Vec<&'a Path>,
@@ -51,7 +51,7 @@ impl<'a> Files<'a> {
     }
 
     /// Refuses results that cannot be written, and those that would replace or block one another
-    /// or what is read. Changes nothing.
+    /// or a file that is read. Changes nothing.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         let read: Vec<_> = self.read.iter().map(|file| Known::of(file)).collect();
         let mut seen = Vec::new();
@@ -122,12 +122,12 @@ fn number(_: &Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// What the standard input was taken from.
+/// The file that the standard input comes from.
 fn standard_input() -> Option<Metadata> {
     fs::metadata("/dev/stdin").ok()
 }
 
-/// Adds a result to those that were seen, if it can be written beside them and beside what is read.
+/// Adds a result to those seen, if it can be written beside them and beside the files that are read.
 fn check_apart(file: &Path, read: &[Known], seen: &mut Vec<Known>) -> anyhow::Result<()> {
     let it = Known::of(file);
     let name = file_name(file);
@@ -150,10 +150,10 @@ fn check_apart(file: &Path, read: &[Known], seen: &mut Vec<Known>) -> anyhow::Re
     Ok(())
 }
 
-/// Where a file is or will be: the same for all of its names.
+/// Place where a file is or will be: the same for all of its names.
 pub(super) fn place(file: &Path) -> PathBuf {
     let mut place = resolved(file);
-    // Left are links to what is not there yet.
+    // The rest are links to files that do not exist yet.
     for _ in 0..LINKS_MAX {
         let Ok(target) = fs::read_link(&place) else {
             break;
@@ -198,7 +198,7 @@ fn try_file(file: &Path) -> anyhow::Result<()> {
             OpenOptions::new().append(true).open(file)?;
             Ok(())
         }
-        // A device or a pipe, which trying would disturb.
+        // A device or a pipe: an attempt to open it would disturb it.
         Ok(_) => Ok(()),
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let folder = folder_of(file);

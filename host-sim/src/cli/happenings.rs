@@ -1,4 +1,4 @@
-//! What happens on a coordinator's line, in files.
+//! Events on a coordinator's line, in files.
 
 use std::{
     collections::BTreeMap,
@@ -17,13 +17,13 @@ use clap::Args;
 
 use super::{and, file_name, files::Files, late::Late, values};
 
-/// Which files.
+/// Files to write.
 #[derive(Args)]
 pub(super) struct HappeningsOptions {
-    /// What happens, one line of JSON an event (docs/events.md).
+    /// Events as they happen, one line of JSON each (docs/events.md).
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     events: Option<PathBuf>,
-    /// What cameras see that were told to track: a file for each in this folder, such as camera-3.csv.
+    /// Packets of cameras that were told to track: a file for each in this folder, such as camera-3.csv.
     #[arg(long, value_name = "DIR", value_parser = values::result())]
     tracked: Option<PathBuf>,
 }
@@ -35,10 +35,10 @@ impl HappeningsOptions {
     }
 }
 
-/// How often events are looked for.
+/// Time between two looks for events.
 const LOOKS: Duration = Duration::from_millis(200);
 
-/// The columns of what cameras see that track: those of the camera's own packet.
+/// Columns of the files of cameras that track: those of the camera's own packet.
 const COLUMNS: &str = "seconds,mx,my,left,upper,right,lower,pixels,confidence\n";
 
 /// The files, as they grow.
@@ -66,22 +66,22 @@ impl Happenings {
         })
     }
 
-    /// Whether it is time to look at what is known, and somebody wants to know.
+    /// Returns true if events are wanted, and it is time to look at the record.
     pub(super) fn is_due(&self, now: Duration) -> bool {
         let is_late = |at| now.saturating_sub(at) >= LOOKS;
         self.events.is_some() && self.looked.is_none_or(is_late)
     }
 
-    /// What is known by now.
+    /// Takes in what is known by now.
     pub(super) fn look(&mut self, now: Duration, record: &RunRecord) {
         self.looked = Some(now);
         let events = self.looker.look(record);
         self.write(&events);
     }
 
-    /// Something in words.
+    /// Writes a message in words.
     pub(super) fn said(&mut self, now: Duration, words: &str) {
-        // The first line is that of what is known.
+        // The first line in the file is that of the record.
         if self.looked.is_some() {
             let words = words.to_owned();
             let what = What::Said { node: None, words };
@@ -89,7 +89,7 @@ impl Happenings {
         }
     }
 
-    /// What happens besides what the record is made of.
+    /// Takes in an event that the record does not tell.
     pub(super) fn happened(&mut self, now: Duration, what: &What) {
         let seconds = now.as_secs_f64();
         if self.looked.is_some() {
@@ -109,7 +109,7 @@ impl Happenings {
         {
             let file = self.cameras.entry(*node);
             let file = file.or_insert_with(|| begun(folder, *node));
-            // What goes wrong is told at the end.
+            // Errors are told at the end.
             let _ = writeln!(
                 file,
                 "{seconds:.3},{mx},{my},{left},{upper},{right},{lower},{pixels},{confidence}"
@@ -125,7 +125,7 @@ impl Happenings {
         }
     }
 
-    /// What is known in the end; what went wrong with a file is told or returned.
+    /// Writes the final record; errors of files are told or returned.
     pub(super) fn finish(mut self, record: Option<&RunRecord>) -> anyhow::Result<()> {
         if let Some(record) = record.filter(|_| self.events.is_some()) {
             let mut events = match self.looked {

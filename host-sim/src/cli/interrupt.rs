@@ -13,16 +13,16 @@ use signal_hook::{
 
 use super::tell;
 
-/// What a shell reports for a program that Ctrl-C ended.
+/// Exit code that a shell reports for a program that Ctrl-C ended.
 pub(super) const INTERRUPTED: u8 = 130;
 
-/// Tells that it was so, after all results were written.
+/// Tells of the interruption, after all results were written.
 pub(super) fn told() -> ExitCode {
     tell("interrupted");
     ExitCode::from(INTERRUPTED)
 }
 
-/// From now on Ctrl-C, and what else ends a program, only sets a flag; while it is set, a second
+/// From now on Ctrl-C, and other signals that end a program, only set a flag; while it is set, a second
 /// one ends the program at once.
 pub(super) fn watch() -> anyhow::Result<Arc<AtomicBool>> {
     let interrupted = Arc::new(AtomicBool::new(false));

@@ -13,9 +13,9 @@ use anyhow::Context;
 
 use super::file_name;
 
-/// A file that is made when something is written to it: not for a run that cannot begin. What is
-/// written goes to the file at once, so that whole lines and packets are there whatever ends the
-/// program. After an error it takes nothing more.
+/// A file that is made at the first write: a run that cannot begin makes none. Each write goes to
+/// the file at once, so that whole lines and packets are there however the program ends. After an
+/// error it takes nothing more.
 #[derive(Clone)]
 pub(super) struct Late {
     path: PathBuf,
@@ -37,7 +37,7 @@ impl Late {
         }
     }
 
-    /// Tells what went wrong first.
+    /// Returns the first error.
     pub(super) fn finish(self) -> anyhow::Result<()> {
         if let State::Failed(error) = &mut *self.state.borrow_mut() {
             let kind = error.kind();

@@ -19,43 +19,43 @@ use host_sim::{
 };
 use site::Scenario;
 
-/// How soon a line that failed is opened again.
+/// Time after which a line that failed is opened again.
 const AGAIN: Duration = Duration::from_secs(2);
 
-/// One of them.
+/// One coordinator's line.
 pub(super) struct Line {
     pub(super) path: String,
-    /// What it says is told after this: whose words they are, where there are several.
+    /// Prefix of its messages: tells the lines apart, where there are several.
     pub(super) prefix: String,
     pub(super) session: Session,
     /// The number that its network has in the file of the site, or among the lines.
     pub(super) network: Cell<u16>,
     baud: u32,
     interrupted: Arc<AtomicBool>,
-    /// `Err`: it failed then.
+    /// `Err`: the line failed at this time.
     port: Result<Port, Duration>,
 }
 
-/// What is the matter with one of them.
+/// Problem of one line.
 pub(super) enum Trouble {
     Interrupted,
     /// The line failed; later exchanges open it again.
     Line(String),
-    /// Nothing comes of what was wished for, or nobody answers.
+    /// A wish cannot be fulfilled, or the coordinator does not answer.
     Wish(Failure),
 }
 
-/// Why talking was given up.
+/// Reason why talking was given up.
 pub(super) enum Ended {
     Interrupted,
     Failed(anyhow::Error),
 }
 
-/// All of them. What concerns one node is wished of the coordinator that has it, once one does.
+/// All lines. A wish for one node goes to the coordinator that has it, once one does.
 pub(super) struct Lines {
     pub(super) all: Vec<Line>,
     waiting: VecDeque<Wish>,
-    /// Since when nobody has the node that the first of them concerns.
+    /// Time since which no coordinator has the node that the first waiting wish concerns.
     missing: Option<Duration>,
 }
 
@@ -103,7 +103,7 @@ impl Lines {
         })
     }
 
-    /// Cameras are asked for sightings, too.
+    /// Asks for cameras' sightings, too.
     pub(super) fn with_sightings(mut self) -> Self {
         for line in &mut self.all {
             line.session.want_sightings();
@@ -111,7 +111,7 @@ impl Lines {
         self
     }
 
-    /// Reads what has come, and sends what is to be sent.
+    /// Reads the bytes that have come, and sends those that are due.
     pub(super) fn exchange(&mut self, now: Duration) -> Result<(), Ended> {
         self.hand_out(now)?;
         for line in &mut self.all {
@@ -142,7 +142,7 @@ impl Lines {
         cameras.filter(|(n, id)| self.of(*id) == Some(*n)).collect()
     }
 
-    /// The next wish goes to the coordinator whose member it concerns.
+    /// Gives the next wish to the coordinator whose member it concerns.
     fn hand_out(&mut self, now: Duration) -> Result<(), Ended> {
         let Some(&(Wish::Remove(id) | Wish::Command(id, _))) = self.waiting.front() else {
             return Ok(());
@@ -167,17 +167,17 @@ impl Lines {
         Ok(())
     }
 
-    /// Whether every wish was confirmed.
+    /// Returns true if every wish was confirmed.
     pub(super) fn are_done(&self) -> bool {
         self.waiting.is_empty() && self.all.iter().all(|line| line.session.is_done())
     }
 
-    /// Whether any coordinator has told anything.
+    /// Returns true if any coordinator has told anything.
     pub(super) fn have_answered(&self) -> bool {
         self.all.iter().any(|line| line.session.has_answered())
     }
 
-    /// Whoever never answered, and why that may be.
+    /// Fails if a coordinator never answered, and tells why that may be.
     pub(super) fn check_answered(&self) -> anyhow::Result<()> {
         match self.all.iter().find(|line| !line.session.has_answered()) {
             Some(line) => bail!("{}: {}", line.path, line.session.why_nothing()),
@@ -185,15 +185,15 @@ impl Lines {
         }
     }
 
-    /// Whether all members are listed with their sightings, there are so many cameras, one at least, and all have
-    /// good poses.
+    /// Returns true if all members are listed with their sightings, there are at least `cameras` cameras, and
+    /// at least one, and all have good poses.
     pub(super) fn are_calibrated(&self, now: Duration, cameras: usize) -> bool {
         let views = self.all.iter().map(|line| line.session.known());
         let is_told = |line: &Line| line.session.is_settled(now) && line.session.has_sightings(now);
         are_calibrated(views, cameras) && self.all.iter().all(is_told)
     }
 
-    /// What is known of all networks.
+    /// Record of all networks, as far as they are known.
     pub(super) fn record(
         &self,
         now: Duration,
@@ -208,7 +208,7 @@ impl Lines {
             let number = number.unwrap_or(ordinal);
             line.network.set(number);
             if parts.iter().any(|(known, _)| *known == number) {
-                // Of one that has no members yet nobody knows which it is.
+                // A coordinator without members yet may be that of any network.
                 if line.session.known().members().is_empty() {
                     continue;
                 }
@@ -224,13 +224,13 @@ impl Lines {
 }
 
 impl Line {
-    /// Whether the port could be opened.
+    /// Returns true if the port could be opened.
     pub(super) fn is_open(&self) -> bool {
         self.port.is_ok()
     }
 
-    /// Reads what has come, and sends what is to be sent. A line that failed is opened again first, once it
-    /// is time.
+    /// Reads the bytes that have come, and sends those that are due. A line that failed is opened again
+    /// first, once it is time.
     pub(super) fn exchange(&mut self, now: Duration) -> Result<(), Trouble> {
         if let Err(failed) = &mut self.port {
             if now.saturating_sub(*failed) < AGAIN {
@@ -248,7 +248,7 @@ impl Line {
             Ok(Err(failure)) => Err(Trouble::Wish(failure)),
             Err(PortError::Interrupted) => Err(Trouble::Interrupted),
             Err(error) => {
-                // One at a time has the port.
+                // The port is closed here, because it can be open only once.
                 self.port = Err(now);
                 Err(Trouble::Line(format!("the line failed: {error}")))
             }
@@ -260,7 +260,7 @@ impl Line {
     }
 }
 
-/// What is known of one network, and the number that it has in the file of the site.
+/// Record of one network, as far as it is known, and the network's number in the file of the site.
 fn record(
     session: &Session,
     now: Duration,
@@ -276,7 +276,7 @@ fn record(
     Ok((number, view.record(now, plan.as_ref())))
 }
 
-/// Reads what has come, and sends what is to be sent.
+/// Reads the bytes that have come, and sends those that are due.
 fn exchange(
     port: &mut Port,
     session: &mut Session,

@@ -17,7 +17,7 @@ const LONG_FILE: u64 = 16 << 20;
 /// Fewer cases are solved before anyone looks for a bar.
 const MANY_CASES: usize = 200_000;
 
-/// What is wrong with the rows of one file.
+/// Complaints about the rows of one file.
 pub(super) struct Messages {
     file: String,
     count: usize,
@@ -33,7 +33,7 @@ impl Messages {
         }
     }
 
-    /// The input with a bar that follows it, if it is long and somebody watches.
+    /// The input with a bar that follows it, if it is long and the output is a terminal.
     pub(super) fn watch(
         &mut self,
         input: Box<dyn Read>,
@@ -63,7 +63,7 @@ impl Messages {
     }
 }
 
-/// Says which bearing sigma stands in for the one that nobody gave.
+/// Tells which bearing sigma is used where none is given.
 pub(super) fn tell_assumed_sigma(path: &Path) {
     tell(format_args!(
         "{}: no column `sigma_rad` and no --bearing-sigma: {USUAL_BEARING_SIGMA} rad (half a \
@@ -82,8 +82,8 @@ pub(super) fn tell_passed_over(path: &Path, column: Option<&str>) {
     }
 }
 
-/// A bar for solving, if it takes a while, somebody watches, and answers are not on the same
-/// screen.
+/// A bar for solving, if it takes a while, the error output is a terminal, and answers are not on
+/// the same screen.
 pub(super) fn solving_bar(cases: usize) -> ProgressBar {
     if cases < MANY_CASES || io::stdout().is_terminal() {
         return ProgressBar::hidden();

@@ -1,4 +1,4 @@
-//! What people type, and what they are told.
+//! Command line: what people type, and what they are told.
 
 use std::{
     fmt,
@@ -87,7 +87,7 @@ pub(crate) fn main() -> ExitCode {
     };
     match done {
         Ok(code) => code,
-        // Whoever read our output has seen enough.
+        // The reader of our output has seen enough.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             complain(&error);
@@ -102,7 +102,7 @@ const LINE_MAX: usize = 2000;
 /// Prints an error.
 fn complain(error: &anyhow::Error) {
     let text = with_causes(error);
-    // A parser quotes the line that it does not like, which may be the whole of a file.
+    // A parser quotes the line that it refuses, which may be the whole of a file.
     let lines = text
         .lines()
         .map(|line| match line.char_indices().nth(LINE_MAX) {
@@ -115,7 +115,7 @@ fn complain(error: &anyhow::Error) {
     ));
 }
 
-/// The error with its causes, except those that it tells itself.
+/// The error with its causes, except causes that it tells itself.
 fn with_causes(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -132,8 +132,8 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
 }
 
-/// Prints a result. Whoever reads it may have seen enough: that changes nothing about the result,
-/// nor the exit code. Names in it come from files; no terminal is to obey them.
+/// Prints a result. A reader that has seen enough and has gone changes nothing about the result, nor
+/// the exit code. Names in it come from files; no terminal is to obey them.
 fn print(text: &str) -> io::Result<()> {
     let plain = |c: char| if c.is_control() && c != '\n' { ' ' } else { c };
     let text: String = text.chars().map(plain).collect();
@@ -141,7 +141,7 @@ fn print(text: &str) -> io::Result<()> {
     unless_gone(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
 }
 
-/// What became of writing, unless its reader has gone.
+/// Result of writing; it is not an error if the reader has gone.
 fn unless_gone(written: io::Result<()>) -> io::Result<()> {
     written.or_else(|error| match error.kind() {
         io::ErrorKind::BrokenPipe => Ok(()),
@@ -149,7 +149,7 @@ fn unless_gone(written: io::Result<()>) -> io::Result<()> {
     })
 }
 
-/// The last error of two; the one before it is told.
+/// The last error of two; the one before it is printed.
 fn and<T>(before: anyhow::Result<T>, next: anyhow::Result<()>) -> anyhow::Result<T> {
     if let (Err(error), Err(_)) = (&before, &next)
         && !is_broken_pipe(error)
@@ -161,11 +161,11 @@ fn and<T>(before: anyhow::Result<T>, next: anyhow::Result<()>) -> anyhow::Result
 
 /// Prints a line for people on the standard error output.
 fn tell(line: impl fmt::Display) {
-    // Nobody is left to be told that this failed.
+    // A failure here cannot be told anywhere.
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// How a file is called in messages.
+/// Name of a file in messages.
 fn file_name(path: &Path) -> String {
     if path == Path::new("-") {
         "standard input".to_owned()
@@ -192,7 +192,7 @@ mod tests {
 
     use super::*;
 
-    /// Lines of code blocks, those that end with a backslash with the next one.
+    /// Lines of code blocks; a line that ends with a backslash is joined with the next one.
     fn code(text: &str) -> Vec<String> {
         let mut lines = Vec::new();
         let (mut is_fenced, mut begun) = (false, String::new());

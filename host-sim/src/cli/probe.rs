@@ -61,7 +61,7 @@ pub(super) struct Arguments {
     /// computer can. With an option of `host-sim camera`, see below; may be repeated.
     #[arg(long, value_name = "NAME=VALUE", num_args = 0..=1, default_missing_value = "")]
     emulate: Vec<String>,
-    /// Which camera it is. Of a Pixy2 the blobs of a signature are shown or recorded; it takes no
+    /// Model of the camera. Of a Pixy2 the blobs of a signature are shown or recorded; it takes no
     /// pictures, learns no colour here and is not started up.
     #[arg(long = "camera", value_enum, default_value_t)]
     kind: Kind,
@@ -71,10 +71,10 @@ pub(super) struct Arguments {
         value_parser = clap::value_parser!(u8).range(1..=7)
     )]
     signature: u8,
-    /// What the camera's jumpers select; `auto` tries all eight rates, the fastest first.
+    /// Rate that the camera's jumpers select; `auto` tries all eight rates, the fastest first.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
-    /// How long the camera adapts to the light before gain and white balance are frozen.
+    /// Time that the camera has to adapt to the light before gain and white balance are frozen.
     #[arg(
         long, value_name = "SECONDS", value_parser = values::not_negative, default_value_t = 5.0,
         conflicts_with = "as_is"
@@ -101,7 +101,7 @@ pub(super) struct Arguments {
     /// Append sightings of the object at known places, for `host-sim solve`.
     #[arg(long, value_name = "FILE.csv", value_parser = values::result(), conflicts_with_all = ["count", "seconds"])]
     record: Option<PathBuf>,
-    /// Where the object stands now: one sighting. Without it, places are read line by line.
+    /// Place where the object stands now: one sighting. Without it, places are read line by line.
     #[arg(
         long, value_name = "X,Y", value_parser = record::place, requires = "record",
         allow_hyphen_values = true
@@ -115,7 +115,7 @@ pub(super) struct Arguments {
         requires = "record"
     )]
     case: String,
-    /// How many packets the object must stand still for a sighting.
+    /// Number of packets for which the object must stand still for a sighting.
     #[arg(
         long, value_name = "N", default_value_t = 20, requires = "record",
         value_parser = clap::value_parser!(u16).range(2..=stops::PACKETS_MAX as i64)
@@ -207,20 +207,20 @@ struct Bench<'a> {
     restarts: u8,
     /// Packets that have come.
     packets: u64,
-    /// It was told that columns are counted otherwise.
+    /// The user was told that columns are counted otherwise.
     contradicted: bool,
 }
 
 /// The number of the first column and row, unless it is known otherwise: most sources agree.
 const USUAL_FIRST: u8 = 1;
 
-/// Restarts without a packet in between after which the camera is given up.
+/// Number of restarts without a packet in between after which the camera is given up.
 const RESTARTS: u8 = 5;
 
-/// What came of waiting for a packet.
+/// Result of waiting for a packet.
 enum Look {
     Packet(Tracking),
-    /// Nothing, and that is right.
+    /// Nothing came, and that is right.
     Quiet,
     /// The camera restarted, and tracks again.
     Restarted,
@@ -241,7 +241,7 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 }
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
-    // What is wrong with a file is told before anyone waits for the camera.
+    // Errors in a file are told before the program waits for the camera.
     Files::default()
         .reads(&arguments.port)
         .writes(&arguments.frame)
@@ -266,7 +266,7 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl Arguments {
-    /// What the line is called.
+    /// Name of the line.
     fn line(&self) -> &str {
         self.port.as_deref().unwrap_or("the emulated camera")
     }
@@ -377,7 +377,7 @@ impl<'a> Bench<'a> {
         Ok(())
     }
 
-    /// The number of the first column and row: of all the view, the first row is the least.
+    /// The number of the first column and row: the first row is the least in the whole view.
     fn first_number(&mut self) -> anyhow::Result<u8> {
         if let Some(first) = self.arguments.first_column {
             return Ok(first);
@@ -450,7 +450,7 @@ impl<'a> Bench<'a> {
         Ok(bounds)
     }
 
-    /// Bounds that were learnt, or better ones; refused where the background has their colour.
+    /// The bounds that were learnt, or better ones; refused where the background has their colour.
     fn best_of(&mut self, bounds: ColourBounds) -> anyhow::Result<ColourBounds> {
         let looking = spinner("looking how much of the background has this colour");
         let judged = colour::judge(&mut self.camera, bounds, self.view.first());
@@ -503,7 +503,7 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// What a person should know of this packet beyond its numbers.
+    /// Remark for a person about this packet beyond its numbers.
     fn remark(&mut self, tracking: &Tracking) -> Option<String> {
         let first_look = self.packets == 1;
         if let Some(first) = self.view.contradiction(tracking)
@@ -552,7 +552,7 @@ impl<'a> Bench<'a> {
         Ok(())
     }
 
-    /// What answers, if it is none.
+    /// Describes what answers, if it is not a camera.
     fn not_a_camera(&self, error: Error<PortError>) -> anyhow::Error {
         let heard = self.heard.bytes();
         match error {
@@ -589,7 +589,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
         return Ok((port, rate));
     }
     let trying = spinner("");
-    // What the camera sends already would be taken for garbage at every rate but its own.
+    // Bytes that the camera already sends would be taken for garbage at every rate but its own.
     let port = match port::quieten(port, || trying.set_message(BUSY)) {
         Ok(port) => port,
         Err(error) => return Err(failed(arguments.line(), rate, Error::Uart(error))),
@@ -612,7 +612,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
 const BUSY: &str =
     "something is being sent; a frame that is under way takes 40 s at 9600 baud, and is waited for";
 
-/// What failed, with what to check.
+/// Describes what failed, and what to check.
 fn failed(port: &str, baud_rate: u32, error: Error<PortError>) -> anyhow::Error {
     match error {
         Error::Uart(PortError::Interrupted) => PortError::Interrupted.into(),
@@ -620,7 +620,7 @@ fn failed(port: &str, baud_rate: u32, error: Error<PortError>) -> anyhow::Error 
     }
 }
 
-/// Shows that something is under way, if somebody watches.
+/// Shows on a terminal that something is under way.
 fn spinner(message: impl Into<Cow<'static, str>>) -> ProgressBar {
     let spinner = ProgressBar::new_spinner().with_message(message);
     spinner.enable_steady_tick(Duration::from_millis(100));

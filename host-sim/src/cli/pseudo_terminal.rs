@@ -20,7 +20,7 @@ use rustix::{
     termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr},
 };
 
-/// How often to look whether a program has opened the device.
+/// Time between two looks whether a program has opened the device.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// A pseudo-terminal, and a link to the device that other programs open. The link is removed when
@@ -31,7 +31,7 @@ pub(super) struct PseudoTerminal {
     link: PathBuf,
     /// A program has it open.
     connected: bool,
-    /// What came and was not read yet.
+    /// Bytes that came and were not read yet.
     received: VecDeque<u8>,
 }
 
@@ -78,7 +78,7 @@ impl PseudoTerminal {
     pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Vec<u8>> {
         let wait = if self.connected { wait } else { wait.min(LOOK) };
         if !self.connected {
-            // An end without a partner is always ready to say so.
+            // An end without a partner is always ready to say that it has none.
             std::thread::sleep(wait);
         }
         let mut ready = [PollFd::new(&self.master, PollFlags::IN)];
@@ -89,7 +89,7 @@ impl PseudoTerminal {
         };
         match poll(&mut ready, Some(&limit)) {
             Ok(_) => {}
-            // A signal: whoever calls looks at it.
+            // A signal: the caller looks at it.
             Err(Errno::INTR) => return Ok(Vec::new()),
             Err(error) => return Err(error.into()),
         }
@@ -105,15 +105,15 @@ impl PseudoTerminal {
         }
         let hung_up = state.contains(PollFlags::HUP);
         if hung_up && self.connected {
-            // The next program is not to read what was meant for this one.
+            // The next program must not read bytes that were meant for this one.
             tcflush(&self.master, QueueSelector::OFlush)?;
         }
         self.connected = !hung_up;
         Ok(Vec::new())
     }
 
-    /// Sends what there is room for, for a line does not wait either; how many bytes are lost.
-    /// What nobody listens to is not lost.
+    /// Sends as many bytes as there is room for, as a line does not wait either; returns how many are lost.
+    /// Bytes count as lost only if a program has the device open.
     pub(super) fn send(&self, bytes: &[u8]) -> io::Result<usize> {
         if !self.connected || bytes.is_empty() {
             return Ok(0);
@@ -127,7 +127,7 @@ impl PseudoTerminal {
     }
 }
 
-/// With nothing to read it fails with [`io::ErrorKind::WouldBlock`].
+/// Fails with [`io::ErrorKind::WouldBlock`] if there is nothing to read.
 impl io::Read for PseudoTerminal {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.received.is_empty() {
@@ -144,7 +144,7 @@ impl io::Read for PseudoTerminal {
     }
 }
 
-/// What there is no room for is lost.
+/// Bytes for which there is no room are lost.
 impl io::Write for PseudoTerminal {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.send(bytes)?;
@@ -158,7 +158,7 @@ impl io::Write for PseudoTerminal {
 
 impl Drop for PseudoTerminal {
     fn drop(&mut self) {
-        // Somebody else's link by now, perhaps.
+        // The link may belong to another program by now.
         if fs::read_link(&self.link).is_ok_and(|target| target == self.device) {
             let _ = fs::remove_file(&self.link);
         }
@@ -169,7 +169,7 @@ impl Drop for PseudoTerminal {
 fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
     if let Ok(target) = fs::read_link(link) {
         if target == device {
-            // Whoever left it was killed, and the number of its device was given out again.
+            // The program that left it was killed, and the number of its device was given out again.
             return Ok(());
         }
         if target.exists() {

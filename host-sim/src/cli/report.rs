@@ -40,12 +40,12 @@ enum What {
 #[derive(Args)]
 #[command(after_help = RUN_EPILOGUE)]
 struct One {
-    /// What `--json` wrote.
+    /// Record that `--json` wrote.
     #[arg(value_name = "RUN.json")]
     file: PathBuf,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
-    /// What happened as far as the record tells when, one line of JSON an event (docs/events.md).
+    /// Events, as far as the record tells when they happened, one line of JSON each (docs/events.md).
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     events: Option<PathBuf>,
     /// The page of `host-sim live` with it, in one file that a browser opens anywhere.
@@ -57,7 +57,7 @@ struct One {
 #[derive(Args)]
 #[command(after_help = MANY_EPILOGUE)]
 struct Many {
-    /// What `--json` wrote.
+    /// Records that `--json` wrote.
     #[arg(value_name = "RUN.json", required = true)]
     files: Vec<PathBuf>,
 }
@@ -66,7 +66,7 @@ struct Many {
 #[derive(Args)]
 #[command(after_help = SWEPT_EPILOGUE)]
 struct Swept {
-    /// What `--json` wrote.
+    /// Records that `--json` wrote.
     #[arg(value_name = "RUN.json", required = true)]
     files: Vec<PathBuf>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
@@ -109,8 +109,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// How every run ends: its report on the screen, its files, and its exit code. The report comes
-/// first, for it may have taken long and no file can be in its way; each failure is told or
+/// Ends every run: its report on the screen, its files, and its exit code. The report comes first,
+/// because it may have taken long and no file can be in its way; each failure is told or
 /// returned.
 pub(super) fn finish(
     record: &RunRecord,
@@ -152,7 +152,7 @@ fn happened(one: &One, record: &RunRecord, end: &End) -> anyhow::Result<()> {
 }
 
 fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
-    // A run would count twice.
+    // A run that is named twice would count twice.
     check_different(files)?;
     let records: Vec<RunRecord> = files
         .iter()

@@ -47,13 +47,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_hyphen_values = true)]
     speed: Option<values::Speed>,
     /// Go on as a person would: to the stops that the verdict asks for, until every camera is calibrated
-    /// and every pose checked, or nobody knows where else to stop.
+    /// and every pose checked, or no further stop is known to help.
     #[arg(long)]
     until_calibrated: bool,
     /// Stops that this takes at most, after those of the way.
     #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated", allow_negative_numbers = true)]
     further_stops: usize,
-    /// What runs the firmware of the nodes.
+    /// Program or chip that runs the firmware of the nodes.
     #[arg(long, value_name = "WHAT", default_value = "host")]
     backend: Backend,
     /// A real camera on a serial port for a camera node, at the rate of the scenario's cameras and
@@ -78,13 +78,13 @@ pub(super) struct Arguments {
     track: Option<Duration>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
-    /// Where the coordinators said that objects are, beside the truth, one line each time.
+    /// Places of objects as the coordinators told them, beside the truth, one line each time.
     #[arg(long, value_name = "FILE.csv", value_parser = values::result(), requires = "track")]
     tracks: Option<PathBuf>,
     /// All frames on the air, for Wireshark; and FILE.pcap.sh, which shows them decrypted.
     #[arg(long, value_name = "FILE.pcap", value_parser = values::result())]
     pcap: Option<PathBuf>,
-    /// What happens, one line of JSON an event (docs/events.md).
+    /// Events as they happen, one line of JSON each (docs/events.md).
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     events: Option<PathBuf>,
     /// The page of `host-sim live` with all that happened, in one file that a browser opens anywhere.
@@ -93,15 +93,15 @@ pub(super) struct Arguments {
     /// The run as a small picture that moves, for a page about it: no script, no page of its own.
     #[arg(long, value_name = "FILE.svg", value_parser = values::result())]
     animation: Option<PathBuf>,
-    /// What every node sends and learns, with the time.
+    /// Everything that a node sends or learns, with the time.
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
 }
 
-/// Where GDB connects.
+/// Port to which GDB connects.
 const GDB_PORT: u16 = 3333;
 
-/// Four pages of advice.
+/// Enough for four pages of advice.
 const FURTHER_STOPS: usize = 24;
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -304,7 +304,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             happening.len()
         ));
     }
-    // Each is told, and none keeps the others from being written.
+    // Each failure is told, and none keeps the other files from being written.
     let mut ended = finish(&record, &outputs, &end);
     if let Some(onlooker) = onlooker {
         ended = and(ended, onlooker.finish(&simulation, &record, &end));
@@ -337,7 +337,7 @@ fn ids(site: &Site) -> BTreeSet<u16> {
     networks.flat_map(of_network).collect()
 }
 
-/// What emulated chips did that the specification forbids, and how deep their stacks were.
+/// Tells what emulated chips did that the specification forbids, and how deep their stacks were.
 fn tell_of_chips(simulation: &Simulation) {
     let chips = simulation.chips();
     for (id, chip) in &chips {
@@ -351,7 +351,7 @@ fn tell_of_chips(simulation: &Simulation) {
     }
 }
 
-/// `tracks.csv`: what was told, and the truth beside it.
+/// `tracks.csv`: the tracks as they were told, and the truth beside them.
 fn track_lines(rows: &[TrackRow]) -> String {
     let mut text = "seconds,network,track,x,y,xx,xy,yy,vx,vy,object,true_x,true_y\n".to_owned();
     for row in rows {
@@ -373,10 +373,10 @@ fn track_lines(rows: &[TrackRow]) -> String {
     text
 }
 
-/// How often events are looked for, nanoseconds.
+/// Time between two looks for events, nanoseconds.
 const LOOKS: u64 = 200_000_000;
 
-/// Where events go.
+/// Files for events.
 struct Onlookers {
     onlooker: Onlooker,
     file: Option<Late>,
@@ -409,7 +409,7 @@ impl Onlookers {
 
     fn take(&mut self, events: Vec<Event>) {
         if let Some(file) = &mut self.file {
-            // What goes wrong is told at the end.
+            // Errors are told at the end.
             for line in events.iter().filter_map(|event| event.to_line().ok()) {
                 let _ = file.write_all(line.as_bytes());
             }
@@ -434,14 +434,14 @@ impl Onlookers {
         }
         if let Some(path) = &self.animation {
             let picture = animation(&self.kept).map(|svg| end.mark_svg(svg));
-            let picture = picture.context("nobody knows where the cameras are");
+            let picture = picture.context("it is not known where the cameras are");
             ended = and(ended, write(path, picture));
         }
         ended
     }
 }
 
-/// What shows a capture decrypted stands beside it, if that is a file.
+/// The script that shows a capture decrypted stands beside the capture, if that is a file.
 fn script_of(pcap: &Path) -> Option<PathBuf> {
     let is_other = pcap.metadata().is_ok_and(|pcap| !pcap.is_file());
     let mut script = pcap.as_os_str().to_owned();
@@ -453,7 +453,7 @@ fn writer(file: Late) -> Box<dyn Write> {
     Box::new(file)
 }
 
-/// Only where somebody looks: `indicatif` hides it otherwise.
+/// Only on a terminal: `indicatif` hides it otherwise.
 fn bar() -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix}{bar:30} stop {pos} of {len}, {msg}");
     let bar = ProgressBar::new(0);
@@ -463,14 +463,14 @@ fn bar() -> ProgressBar {
     }
 }
 
-/// A line for each camera above the bar, where somebody looks; otherwise one for each change.
+/// A line for each camera above the bar on a terminal; otherwise one for each change.
 #[derive(Default)]
 struct CameraLines {
     shown: Option<Instant>,
     told: BTreeMap<u16, Status>,
 }
 
-/// How often the lines are made anew: nobody reads faster.
+/// Time between two drawings of the lines: a person reads no faster.
 const LINES_EVERY: Duration = Duration::from_millis(250);
 
 /// More than these do not fit on a screen.
@@ -494,7 +494,7 @@ impl CameraLines {
         bar.set_prefix(lines.collect::<String>());
     }
 
-    /// Without a terminal: a line where the status of a camera is another one.
+    /// Without a terminal: a line for each camera whose status has changed.
     fn tell(&mut self, simulation: &Simulation) {
         for (id, report) in simulation.new_reports() {
             let status = report.status();
@@ -510,7 +510,7 @@ impl CameraLines {
     }
 }
 
-/// How far a camera is, and what it waits for.
+/// Progress of a camera, and what it waits for.
 fn camera_line(camera: &Node) -> String {
     let status = camera.status.unwrap_or(Status::Waiting);
     let sigma = camera.estimate.map_or_else(

@@ -1,4 +1,4 @@
-//! Where a run's results go besides the screen.
+//! Files for a run's results, besides the screen.
 
 use std::{
     fs,
@@ -16,7 +16,7 @@ use super::{and, end::End, file_name, files::Files, values, whole_file};
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
 
-/// What can be made of every record, of a rehearsal and of a real network.
+/// Outputs of every record, of a rehearsal and of a real network.
 #[derive(Args)]
 pub(super) struct RecordOutputs {
     /// The whole record: poses, status, errors, residuals, stops, traffic.
@@ -35,7 +35,7 @@ pub(super) struct RecordOutputs {
     /// FILE`.
     #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
     ros: Option<PathBuf>,
-    /// In whose coordinates --csv, --yaml and --ros tell poses.
+    /// Coordinates in which --csv, --yaml and --ros tell poses.
     #[arg(long, value_name = "WHOSE", default_value = "network")]
     frame: FrameOption,
 }
@@ -58,16 +58,16 @@ impl From<FrameOption> for Frame {
 }
 
 impl RecordOutputs {
-    /// Finds out what cannot be written before there is anything to write. There may be other files
-    /// besides.
+    /// Finds out which files cannot be written before there is anything to write. There may be other
+    /// files besides.
     pub(super) fn check<'a>(&'a self, others: Files<'a>) -> anyhow::Result<()> {
         let results = [&self.json, &self.csv, &self.yaml, &self.ros];
         let files = others.writes(results.into_iter().flatten());
         files.writes_into(&self.plots, &DRAWING_NAMES).check()
     }
 
-    /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
-    /// being written.
+    /// Writes the outputs that were asked for. Each failure is told or returned, and none keeps the
+    /// others from being written.
     pub(super) fn write(&self, record: &RunRecord, wall: bool, end: &End) -> anyhow::Result<()> {
         let frame = self.frame.into();
         let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
@@ -128,7 +128,7 @@ pub(super) struct Prepared<'a> {
 }
 
 impl RunOutputs {
-    /// Finds out what would go wrong after a run of this scenario and path before it. There may be
+    /// Finds out before a run of this scenario and path what would go wrong after it. There may be
     /// other files besides the results.
     pub(super) fn prepare<'a>(
         &'a self,
@@ -154,8 +154,8 @@ impl RunOutputs {
 }
 
 impl Prepared<'_> {
-    /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
-    /// being written.
+    /// Writes the outputs that were asked for. Each failure is told or returned, and none keeps the
+    /// others from being written.
     pub(super) fn write(&self, record: &RunRecord, end: &End) -> anyhow::Result<()> {
         self.outputs.record.write(record, self.outputs.wall, end)
     }
@@ -176,7 +176,7 @@ impl Prepared<'_> {
 type Make<'m> = &'m dyn Fn() -> anyhow::Result<String>;
 type Draw = fn(&RunRecord) -> Result<String, plot::PlotError>;
 
-/// What `--plots` makes.
+/// Drawings that `--plots` makes.
 const DRAWINGS: [(&str, Draw); 3] = [
     ("map.svg", plot::map),
     ("errors.svg", plot::errors),
@@ -200,7 +200,7 @@ pub(super) fn read_record(path: &Path) -> anyhow::Result<(RunRecord, End)> {
     both.with_context(|| format!("{} cannot be used", file_name(path)))
 }
 
-/// Reads the record of a run that was not cut short: others are not compared nor counted.
+/// Reads the record of a run that was not cut short: others are neither compared nor counted.
 pub(super) fn read_whole(path: &Path) -> anyhow::Result<RunRecord> {
     match read_record(path)? {
         (record, End::Whole) => Ok(record),

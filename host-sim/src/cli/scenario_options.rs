@@ -1,4 +1,4 @@
-//! Which scenario, and what the command line changes of it.
+//! The scenario, and changes to it by the command line.
 
 use std::path::Path;
 
@@ -19,20 +19,20 @@ pub(super) struct ScenarioOptions {
     /// `thesis-13`, `lab`, `grid`, `office`, or a file.
     #[arg(value_name = "SCENARIO|FILE.toml")]
     scenario: String,
-    /// Which of the planned ways the target takes, from 1.
+    /// Number of the planned way that the target takes, from 1.
     #[arg(long, value_name = "K", value_parser = values::path, allow_negative_numbers = true)]
     path: Option<u64>,
     /// Stops that are planned in view of each camera.
     #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     stops: Option<usize>,
-    /// Where these are: where they help most; there, and on until every pose is checked; or anywhere in
-    /// view.
+    /// Places of these stops: where they help most; there, and on until every pose is checked; or
+    /// anywhere in view.
     #[arg(long, value_name = "HOW")]
     placement: Option<Place>,
     /// Cameras of a grid.
     #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     nodes: Option<usize>,
-    /// How pictures come about: rendered and counted, or by a scan of equal angles as in Stage.
+    /// Way of making pictures: rendered and counted, or by a scan of equal angles as in Stage.
     #[arg(long, value_name = "KIND")]
     camera: Option<Kind>,
     /// The lens that all nodes believe to have, whatever they have.
@@ -104,17 +104,17 @@ impl ScenarioOptions {
         Scenario::load(&self.scenario, &changes).map_err(|error| self.named(error))
     }
 
-    /// Tells what the scenario leaves open that matters, and what is assumed.
+    /// Tells which important things the scenario leaves open, and what is assumed.
     pub(super) fn tell_assumptions(&self, scenario: &Scenario) {
         for assumption in scenario.assumptions(Purpose::Rehearsal) {
             tell(format_args!("{}: {assumption}", self.scenario));
         }
     }
 
-    /// What is wrong with the scenario, with its name.
+    /// Error in the scenario, with the scenario's name.
     pub(super) fn named(&self, error: ScenarioError) -> anyhow::Error {
         match error {
-            // These have the name in them.
+            // These errors name the file themselves.
             ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
             error => anyhow!("{}: {error}", self.scenario),
         }

@@ -160,9 +160,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }))
 }
 
-/// What is to be answered.
+/// Cases to answer.
 enum Sightings {
-    /// Everything, where all cases are needed together or their rows are mixed.
+    /// All sightings, where all cases are needed together or their rows are mixed.
     Kept(Recording),
     /// A file that was looked through, and is read again case by case: memory for one case is enough.
     Streamed(Streamed),
@@ -234,7 +234,7 @@ fn look_through(
     }))
 }
 
-/// A file that can be read again; what comes in a stream is put into one that nobody else sees.
+/// A file that can be read again; a stream is copied into a file that no other program sees.
 fn twice_readable(path: &Path) -> io::Result<File> {
     let mut stream: Box<dyn Read> = match path == Path::new("-") {
         true => Box::new(io::stdin()),
@@ -254,7 +254,7 @@ fn twice_readable(path: &Path) -> io::Result<File> {
 
 /// Cases, one after the other.
 trait Cases {
-    /// How many.
+    /// Number of cases.
     fn count(&self) -> usize;
 
     /// Characters of the longest name.
@@ -302,21 +302,21 @@ fn read_truth(path: &Path, recording: &Recording) -> anyhow::Result<Vec<Option<T
     truths.map_err(|error| of_file(path, error))
 }
 
-/// What is left to be said after the answers.
+/// Remarks that follow the answers.
 struct Report {
     tally: Tally,
-    /// Which cases have a pose, if they are to be drawn.
+    /// The cases that have a pose, if they are to be drawn.
     answered: Vec<usize>,
-    /// Cases that fit another place, which is given here, about as well as their own: the first of them.
+    /// The first of the cases that fit another place, which is given here, about as well as their own.
     ambiguous: Vec<(String, Point2<f64>)>,
-    /// How many there are.
+    /// Number of such cases.
     ambiguous_count: usize,
 }
 
-/// Bytes that are read at once.
+/// Number of bytes that are read at once.
 const BUFFER: usize = 1 << 16;
 
-/// So many ambiguous cases are told one by one.
+/// Number of ambiguous cases that are told one by one.
 const TOLD: usize = 5;
 
 fn answer_all(
@@ -381,7 +381,7 @@ fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
     }
 }
 
-/// Where answers go.
+/// Output of answers.
 enum Output<'a> {
     Table(PoseTable<BufWriter<StdoutLock<'a>>>),
     Json(BufWriter<StdoutLock<'a>>),
@@ -457,7 +457,7 @@ fn print_summary(report: &Report, arguments: &Arguments) {
     }
 }
 
-/// Tells which lens fits, if that given does not. Whether it does not.
+/// Tells which lens fits, if the given one does not. Returns true if the given one does not fit.
 fn check_lens(arguments: &Arguments, recording: &Recording) -> anyhow::Result<bool> {
     let given = arguments.camera.field_of_view();
     let (Some(camera), Some(given)) = (arguments.camera.camera(USUAL_COLUMNS)?, given) else {

@@ -70,11 +70,11 @@ pub(super) struct Arguments {
     /// what FILE.json says, 0 for FILE.csv].
     #[arg(long, value_name = "DEGREES", value_parser = values::Known::angle)]
     frame_heading_deg: Option<values::Known>,
-    /// By which share all distances of the carrier may be wrong, one sigma [default: what FILE.json
+    /// Share by which all distances of the carrier may be wrong, one sigma [default: what FILE.json
     /// says, or 0.08].
     #[arg(long, value_name = "SHARE", value_parser = values::not_negative)]
     systematic_scale: Option<f64>,
-    /// How far its compass may be off all the time, one sigma [default: what FILE.json says, or 3].
+    /// Constant error of its compass, one sigma [default: what FILE.json says, or 3].
     #[arg(long, value_name = "DEGREES", value_parser = values::not_negative)]
     systematic_heading: Option<f64>,
     /// Standard deviation of bearings, radians, for files without such a column.
@@ -163,7 +163,7 @@ Exit codes:
 /// Far longer than the record of the largest network.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// What was read.
+/// Measurements that were read.
 struct Measured {
     sightings: Vec<Sightings>,
     unit: Option<String>,
@@ -230,7 +230,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 }
 
 impl Arguments {
-    /// What was typed counts more than what the file says.
+    /// Puts in the options of the command line, which count more than the file.
     fn put_into(&self, sightings: &mut Sightings) {
         let known = sightings.references.take();
         let cameras = self.references.or(known.map(|known| known.cameras));
@@ -238,7 +238,7 @@ impl Arguments {
             cameras,
             baseline: match self.baseline {
                 Some(baseline) => baseline.0,
-                // The file's is that of the cameras that it names.
+                // The file's baseline is that of the cameras that it names.
                 None => { known.filter(|known| known.cameras == cameras) }
                     .and_then(|known| known.baseline),
             },
@@ -381,7 +381,7 @@ fn read_csv(arguments: &Arguments, text: &str) -> anyhow::Result<Measured> {
     })
 }
 
-/// What stands in files of its own.
+/// Reads the measurements that are in files of their own.
 fn read_besides(sightings: &mut Sightings, arguments: &Arguments) -> anyhow::Result<()> {
     fn read<O>(
         path: &Path,
@@ -405,7 +405,7 @@ fn read_besides(sightings: &mut Sightings, arguments: &Arguments) -> anyhow::Res
     Ok(())
 }
 
-/// Of a file of one network.
+/// Reads the truth for a file of one network.
 fn read_truth(path: &Path, all: &[Sightings]) -> anyhow::Result<BTreeMap<(u16, u16), Truth>> {
     let [only] = all else {
         bail!("--truth is of one network, and the file has several");

@@ -50,7 +50,7 @@ pub(super) struct Arguments {
     /// Standard deviation of each displacement, per axis.
     #[arg(long, value_name = "LENGTH", value_parser = values::not_negative, default_value_t = 0.0)]
     displacement_sigma: f64,
-    /// How to get from the closed form to the minimum.
+    /// Method of getting from the closed form to the minimum.
     #[arg(long, value_enum, default_value_t)]
     method: MethodOption,
     /// One JSON object instead of text.

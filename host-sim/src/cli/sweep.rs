@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "K,...", value_delimiter = ',', conflicts_with = "path",
         value_parser = values::path, allow_negative_numbers = true)]
     paths: Vec<u64>,
-    /// How far cameras stand from where the scenario has them, standard deviations in its unit and in
+    /// Scatter of cameras around where the scenario has them, standard deviations in its unit and in
     /// degrees, drawn for each seed; 0 for not at all. Default: the scenario's own `scatter`, or 0.3
     /// and 3, so that seeds are not all of one geometry.
     #[arg(long, value_name = "D,DEG", value_parser = values::scatter, allow_hyphen_values = true)]
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if is_stopped { interrupt::told() } else { ended })
 }
 
-/// One for every path and seed, until somebody stops this.
+/// One scenario for every path and seed, until `stop` is set.
 fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Scenario>> {
     let mut seen = BTreeSet::new();
     for path in &arguments.paths {
@@ -132,7 +132,7 @@ fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Sce
     Ok(scenarios)
 }
 
-/// Only where somebody looks: `indicatif` hides it otherwise.
+/// Only on a terminal: `indicatif` hides it otherwise.
 fn bar(runs: usize) -> ProgressBar {
     let bar = ProgressBar::new(runs as u64);
     match ProgressStyle::with_template("{bar:30} run {pos} of {len}, {eta} left") {

@@ -1,4 +1,4 @@
-//! Where the statistics of many runs go.
+//! Files for the statistics of many runs.
 
 use std::{path::PathBuf, process::ExitCode};
 
@@ -20,14 +20,14 @@ pub(super) struct SweepOutputs {
 }
 
 impl SweepOutputs {
-    /// Finds out what cannot be written before there is anything to write. Some files are read.
+    /// Finds out which files cannot be written before there is anything to write. Some files are read.
     pub(super) fn check<'a>(&'a self, read: Files<'a>) -> anyhow::Result<()> {
         let results = [&self.sweep_csv, &self.sweep_plot];
         read.writes(results.into_iter().flatten()).check()
     }
 
-    /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
-    /// being written.
+    /// Writes the outputs that were asked for. Each failure is told or returned, and none keeps the
+    /// others from being written.
     fn write(&self, report: &SweepReport, end: &End) -> anyhow::Result<()> {
         let mut written = Ok(());
         if let Some(path) = &self.sweep_csv {
@@ -44,12 +44,12 @@ impl SweepOutputs {
     }
 }
 
-/// Runs not all of whose cameras were calibrated, or whose true errors are not what the sigmas foretell.
+/// Runs in which a camera is not calibrated, or whose true errors are not what the sigmas foretell.
 #[derive(Default)]
 pub(super) struct Incomplete(Vec<String>);
 
 impl Incomplete {
-    /// So many are named, the others counted.
+    /// Number of runs that are named; the others are counted.
     const NAMED: usize = 10;
 
     /// Keeps the name of such a run.
@@ -74,7 +74,7 @@ impl Incomplete {
     }
 }
 
-/// How a sweep ends: its tables on the screen first, its files, and its exit code.
+/// Ends a sweep: its tables on the screen first, its files, and its exit code.
 pub(super) fn finish(
     report: &SweepReport,
     incomplete: &Incomplete,

@@ -1,4 +1,4 @@
-//! Values of options, with messages that say what is allowed.
+//! Values of options, with messages that tell which values are allowed.
 
 use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
 
@@ -8,7 +8,7 @@ use site::{PATH_MAX, ScatterTable};
 /// All scenarios of a sweep are in memory.
 const MOST_SEEDS: u64 = 100_000;
 
-/// Where a result goes. `-` would become a file of that name, for which nobody looks.
+/// File for a result. `-` would become a file of that name, which the user does not expect.
 pub(super) fn result() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| {
         if path.as_os_str() == "-" {
@@ -19,13 +19,13 @@ pub(super) fn result() -> impl TypedValueParser<Value = PathBuf> {
     })
 }
 
-/// How many.
+/// A count.
 pub(super) fn count(text: &str) -> Result<usize, String> {
     let needed = |_| "a whole number is needed, such as 3".to_owned();
     text.parse().map_err(needed)
 }
 
-/// How many at a time.
+/// Number of jobs at a time.
 pub(super) fn jobs(text: &str) -> Result<NonZeroUsize, String> {
     let needed = |_| "a whole number from 1 is needed".to_owned();
     text.parse().map_err(needed)
@@ -61,7 +61,7 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
-/// How far cameras stand from where a file has them, in the unit and in degrees.
+/// Scatter of cameras around their places in a file, in the unit and in degrees.
 pub(super) fn scatter(text: &str) -> Result<ScatterTable, String> {
     let (position, heading) = text.split_once(',').unwrap_or((text, "0"));
     match [position, heading].map(not_negative) {
@@ -147,7 +147,7 @@ pub(super) fn two_cameras(text: &str) -> Result<[u16; 2], String> {
         .ok_or_else(|| "the numbers of two cameras are needed, such as 1,2".to_owned())
 }
 
-/// How fast a simulation runs: so many times real time, or as fast as it can.
+/// Speed of a simulation: so many times real time, or as fast as it can.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Speed(pub(super) Option<f64>);
 
@@ -174,7 +174,7 @@ pub(super) fn share(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Which of the ways that are planned.
+/// Number of a planned way.
 pub(super) fn path(text: &str) -> Result<u64, String> {
     match text.parse() {
         Ok(path @ 1..=PATH_MAX) => Ok(path),

@@ -17,7 +17,7 @@ pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> 
 
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let known = match fs::metadata(path) {
-        // Whatever it leads to, what was printed before stays.
+        // Whatever file it is, the text that was printed before stays.
         Ok(known) if is_open_as(&known, io::stdout()) => {
             let mut out = io::stdout().lock();
             return unless_gone(out.write_all(bytes).and_then(|()| out.flush()));
@@ -31,7 +31,7 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // A link stays, and points to the new file.
     let place = files::place(path);
     let Ok(mut new) = beside(&place, known.as_ref()) else {
-        // Whoever may write the file may not make others in its folder.
+        // The user may be allowed to write the file but not to make others in its folder.
         return fs::write(path, bytes);
     };
     new.write_all(bytes)?;
@@ -40,7 +40,7 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether a file is the one that an output of this program leads to.
+/// Returns true if a file is the one that an output of this program leads to.
 #[cfg(unix)]
 fn is_open_as(file: &Metadata, output: impl std::os::fd::AsFd) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -60,7 +60,7 @@ fn beside(place: &Path, known: Option<&Metadata>) -> io::Result<tempfile::NamedT
     #[cfg(unix)]
     if known.is_none() {
         use std::os::unix::fs::PermissionsExt;
-        // As other programs make files: less what the user's mask takes away.
+        // Like other programs: all permissions but those that the user's mask takes away.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let new = builder.tempfile_in(files::folder_of(place))?;
@@ -99,7 +99,7 @@ fn read_text(path: &Path, most: u64) -> anyhow::Result<String> {
         Box::new(file)
     };
     let mut text = String::new();
-    // Of a pipe nobody knows the length before.
+    // The length of a pipe is not known before it is read.
     check(file.take(most + 1).read_to_string(&mut text)? as u64)?;
     Ok(text)
 }

@@ -1,5 +1,5 @@
-//! The coordinator of a real network, seen from the PC on its line: what `host-sim console` is made
-//! of. Nothing here opens a port or reads a clock. What it has told is a
+//! The coordinator of a real network, seen from the PC on its line: the parts of `host-sim console`.
+//! Nothing here opens a port or reads a clock. The coordinator's messages make a
 //! [`NetworkView`](answers::view::NetworkView).
 //!
 //! | module | job |

@@ -1,4 +1,4 @@
-//! The talk with a coordinator: bytes in, bytes out, and what the time is.
+//! The talk with a coordinator. Input: bytes and the time; output: bytes.
 //!
 //! The coordinator answers in the order in which it was asked, so an answer belongs to the last
 //! question if the line was quiet before. That is why a wish waits until the list of members has
@@ -20,27 +20,27 @@ use answers::{
     view::NetworkView,
 };
 
-/// Silence after which nobody is there.
+/// Silence after which there is no coordinator.
 const FIRST_ANSWER: Duration = Duration::from_secs(5);
-/// How soon everything is asked for again that was not answered.
+/// Time after which everything that was not answered is asked for again.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
-/// How often everything is asked for: what the coordinator could not tell comes then.
+/// Period with which everything is asked for: it brings what the coordinator could not tell before.
 const REFRESH: Duration = Duration::from_secs(10);
-/// The same while the site key is handed on, which is told only when asked for.
+/// The same while the site key is handed on: the coordinator tells of that only when asked.
 const REFRESH_KEY: Duration = Duration::from_secs(2);
 /// Silence after which it is told that the coordinator does not answer any more.
 const LOST: Duration = Duration::from_secs(20);
-/// The list of members is at its end when nothing of it came for so long.
+/// Time without a new member after which the list of members is at its end.
 const SETTLED: Duration = Duration::from_secs(1);
-/// How often a camera is asked for sightings that it has not told: they are sent by radio, one by
-/// one.
+/// Period with which a camera is asked for sightings that it has not told: they are sent by radio, one
+/// by one.
 const ASK_FOR_SIGHTINGS: Duration = Duration::from_secs(10);
-/// How long a camera takes to tell them all.
+/// Time that a camera takes to tell them all.
 const LISTING: Duration = Duration::from_secs(5);
-/// How long a member is waited for that is not on the list.
+/// Time for which a wish waits for a member that is not on the list.
 pub const MISSING: Duration = Duration::from_secs(10);
 
-/// What a person wants.
+/// Wish of a person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wish {
     /// Let new devices join for so many seconds.
@@ -58,20 +58,20 @@ pub enum Wish {
 }
 
 impl Wish {
-    /// How long an answer may take; of one that has begun, the end.
+    /// Longest time for an answer; for an answer that has begun, until its end.
     fn patience(&self, step: Step) -> Duration {
         Duration::from_secs(match self {
             Self::JoinWindow(_) | Self::Remove(_) | Self::ChangePan => 10,
             // A camera adapts to the light for seconds, and may be asked again by radio.
             Self::Command(..) | Self::Everybody(_) => 60,
-            // One member after the other, also those that are not there.
+            // One member after the other, also those that cannot be reached.
             Self::ChangeKey(_) if matches!(step, Step::Begun(_)) => 600,
             Self::ChangeKey(_) => 10,
         })
     }
 }
 
-/// Why it does not go on.
+/// Reason why a talk or a wish does not go on.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// Nothing came.
@@ -98,9 +98,9 @@ pub enum Failure {
     /// No such member.
     #[error("node {id} is no member{}", list(.members))]
     NoMember {
-        /// Who was asked for.
+        /// The node that was asked for.
         id: u16,
-        /// Who is there.
+        /// The present members.
         members: Vec<u16>,
     },
     /// Only cameras do commands.
@@ -148,14 +148,14 @@ fn list(members: &[u16]) -> String {
     format!("; there are {}", members.join(", "))
 }
 
-/// What becomes of the wish whose turn it is.
+/// Step of the wish whose turn it is.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// It waits for the end of the list, or since then for a member.
+    /// It waits for the end of the list, or for a member since this time.
     Looking(Option<Duration>),
     /// It was sent.
     Sent(Duration),
-    /// The coordinator is at it.
+    /// The coordinator works on it.
     Begun(Duration),
 }
 
@@ -166,35 +166,35 @@ pub struct Session {
     known: NetworkView,
     wishes: VecDeque<Wish>,
     step: Step,
-    /// When everything was asked for.
+    /// Time at which everything was asked for.
     asked: Option<Duration>,
     /// It was answered.
     answered: bool,
-    /// When a message came.
+    /// Time at which a message came.
     heard: Option<Duration>,
-    /// When the list of members last grew, or an answer came.
+    /// Time at which the list of members last grew, or an answer came.
     listed: Duration,
-    /// It was told that nobody answers any more.
+    /// The user was told that the coordinator does not answer any more.
     lost: bool,
     bytes: usize,
-    /// Of these, those of text.
+    /// Number of these bytes that are text.
     text: usize,
     failed: Option<Failure>,
     news: VecDeque<String>,
-    /// When a camera was last asked for its sightings, by its address.
+    /// Time at which each camera was last asked for its sightings, by its address.
     listed_sightings: BTreeMap<MemberAddress, Duration>,
     wants_sightings: bool,
-    /// Since when a first answer is waited for.
+    /// Time since which a first answer is waited for.
     patience_from: Duration,
-    /// What happened besides what is known now.
+    /// Events that the view does not contain.
     happened: VecDeque<What>,
 }
 
-/// Nobody who listens needs more of what happened, all at once.
+/// Number of events that are kept at once: no reader needs more.
 const HAPPENED_MAX: usize = 512;
 
 impl Session {
-    /// A talk in which these things are wished for, one after the other.
+    /// A talk with these wishes, one after the other.
     pub fn new(wishes: impl IntoIterator<Item = Wish>) -> Self {
         Self {
             frames: Frames::default(),
@@ -222,7 +222,7 @@ impl Session {
         self.wants_sightings = true;
     }
 
-    /// Whether every camera has told the sightings that it was asked for, or will not.
+    /// Returns true if every camera has told the sightings that it was asked for, or will not.
     pub fn has_sightings(&self, now: Duration) -> bool {
         let mut cameras = self.known.cameras().into_iter();
         let asked = |address| self.listed_sightings.get(&address);
@@ -233,17 +233,17 @@ impl Session {
             })
     }
 
-    /// What is known of the network.
+    /// The network as it is known.
     pub fn known(&self) -> &NetworkView {
         &self.known
     }
 
-    /// Whether the coordinator has told anything.
+    /// Returns true if the coordinator has told anything.
     pub fn has_answered(&self) -> bool {
         self.heard.is_some()
     }
 
-    /// Whether every wish was confirmed.
+    /// Returns true if every wish was confirmed.
     pub fn is_done(&self) -> bool {
         self.wishes.is_empty()
     }
@@ -253,7 +253,7 @@ impl Session {
         self.news.pop_front()
     }
 
-    /// Takes what came on the line.
+    /// Takes the bytes that came on the line.
     pub fn heard(&mut self, now: Duration, bytes: &[u8]) {
         for &byte in bytes {
             self.bytes += 1;
@@ -273,7 +273,7 @@ impl Session {
                 .push_back("the coordinator answers again".to_owned());
         }
         let members = self.known.members().len();
-        // Before the member is forgotten.
+        // Looked up before the member is forgotten.
         let removed = match *message {
             ToPc::Removed { address, .. } => {
                 let mut members = self.known.members().iter();
@@ -300,7 +300,7 @@ impl Session {
         }
     }
 
-    /// What happens by a message besides what is known then, before that is known.
+    /// Event of a message that the view does not contain; called before the view takes the message.
     fn what(&self, message: &ToPc) -> Option<What> {
         match message {
             ToPc::Tracked { address, tracked } => {
@@ -326,10 +326,10 @@ impl Session {
         }
     }
 
-    /// Whether a message says what became of the wish.
+    /// Takes in a message that tells the result of the wish.
     fn confirm(&mut self, now: Duration, wish: Wish, message: &ToPc, removed: Option<u16>) {
         match (wish, *message) {
-            // It says nothing of its own about this, but it answers what came after it.
+            // The coordinator does not confirm this, but it answers the question that came after it.
             (Wish::JoinWindow(seconds), ToPc::Network(_)) => {
                 self.news.push_back(match seconds {
                     0 => "join window: asked to close it".to_owned(),
@@ -355,7 +355,7 @@ impl Session {
                     }
                 }
             }
-            // Also told when nobody asks, then without a change.
+            // Also told without a question, then without a change.
             (Wish::ChangePan, ToPc::Pan { changes, .. }) => match changes {
                 true => self.confirmed(),
                 false => self.failed = Some(Failure::PanStays),
@@ -389,20 +389,20 @@ impl Session {
         }
     }
 
-    /// Wishes for one thing more.
+    /// Adds a wish.
     pub fn wish(&mut self, wish: Wish) {
         self.wishes.push_back(wish);
     }
 
-    /// After a failure: whatever was wished for is given up, and nobody's silence is a failure before
-    /// the time of a first answer has passed again.
+    /// Goes on after a failure: all wishes are given up, and silence is no failure before the time of a
+    /// first answer has passed again.
     pub fn go_on(&mut self, now: Duration) {
         self.wishes.clear();
         self.step = Step::Looking(None);
         self.patience_from = now;
     }
 
-    /// What happened next besides what is known now, in the network of this number.
+    /// The next event that the view does not contain, in the network of this number.
     pub fn happening(&mut self, number: u16) -> Option<What> {
         let mut what = self.happened.pop_front()?;
         if let What::Object { network, .. } = &mut what {
@@ -416,15 +416,15 @@ impl Session {
         self.step = Step::Looking(None);
     }
 
-    /// Whether all members are listed.
+    /// Returns true if all members are listed.
     pub fn is_settled(&self, now: Duration) -> bool {
         self.answered && now.saturating_sub(self.listed) >= SETTLED
     }
 
-    /// What to send now, as often as there is something.
+    /// The next message to send; call it until there is none.
     ///
     /// # Errors
-    /// [`Failure`]: nothing is to be expected any more.
+    /// [`Failure`]: the talk cannot go on.
     pub fn poll(&mut self, now: Duration) -> Result<Option<FromPc>, Failure> {
         if let Some(failed) = self.failed.take() {
             return Err(failed);
@@ -462,7 +462,7 @@ impl Session {
         Some(FromPc::Sightings(address))
     }
 
-    /// Why nothing was understood so far.
+    /// Reason why nothing was understood so far.
     pub fn why_nothing(&self) -> Failure {
         match (self.bytes, self.text) {
             (0, _) => Failure::Silence,
@@ -473,7 +473,7 @@ impl Session {
 
     fn refresh(&mut self, now: Duration) -> Option<FromPc> {
         let every = match (self.wishes.front(), self.step) {
-            // What it answers now belongs to the wish.
+            // Its next answer belongs to the wish.
             (Some(Wish::ChangeKey(_) | Wish::ChangePan), Step::Sent(_)) => return None,
             _ if !self.answered => ASK_AGAIN,
             (Some(Wish::ChangeKey(_)), Step::Begun(_)) => REFRESH_KEY,
@@ -500,7 +500,7 @@ impl Session {
                 }
                 let why = match wish {
                     Wish::JoinWindow(_) => "whether new nodes may join is not known",
-                    Wish::Remove(_) => "type it again; whoever is away is removed all the same",
+                    Wish::Remove(_) => "type it again; a node that is away is removed all the same",
                     Wish::ChangeKey(_) => {
                         "keep both keys; listen to hear when the new one is in use"
                     }
@@ -546,14 +546,14 @@ impl Session {
         };
         let sent = match wish {
             Wish::JoinWindow(seconds) => {
-                // Its answer says that this came, too.
+                // The answer to the next question shows that this message came, too.
                 self.asked = None;
                 FromPc::JoinWindow(seconds)
             }
             Wish::Remove(_) => FromPc::Remove(address),
             Wish::ChangeKey(key) => FromPc::ChangeKey(key),
             Wish::ChangePan => FromPc::ChangePan,
-            // There are only those of single cameras any more.
+            // Only commands for single cameras are left here.
             Wish::Everybody(_) => return Ok(None),
             Wish::Command(id, command) => {
                 let mut members = self.known.present().into_iter();
@@ -691,7 +691,7 @@ mod tests {
         };
         assert!(!is_calibrated(&session, at(900)));
         assert!(is_calibrated(&session, at(1_200)));
-        // One more joins.
+        // Another member joins.
         tell(&mut session, 1_300, &[member(3, 8, CAMERA)]);
         assert!(!is_calibrated(&session, at(3_000)));
     }
@@ -769,7 +769,7 @@ mod tests {
             tell(&mut session, now, &[done(address)]);
         }
         assert!(session.is_done());
-        // Of a network without any it is no success.
+        // In a network without any camera it is no success.
         let mut session = Session::new([Wish::Everybody(track)]);
         session.poll(at(0)).unwrap();
         tell(&mut session, 100, &[NETWORK, ToPc::KeyChange(None)]);
@@ -779,7 +779,7 @@ mod tests {
         assert_eq!(session.poll(at(12_000)), Err(Failure::NoCameras));
     }
 
-    /// What comes on a line may be anything.
+    /// A line may carry any values.
     #[test]
     fn objects_that_are_nowhere_are_not_told() {
         let mut session = listed(&[]);
@@ -802,7 +802,7 @@ mod tests {
         assert_eq!(session.happening(2), None);
     }
 
-    /// A camera lists all it ever saw, and lists it again: rays are of what it saw while somebody listened.
+    /// A camera lists all its sightings, and again: rays are only of those from the time of listening.
     #[test]
     fn a_sighting_is_told_once_and_only_of_a_stop_that_was_told() {
         let mut session = listed(&[]);
@@ -874,7 +874,7 @@ mod tests {
         assert_eq!(session.poll(at(1_200)), Err(Failure::NoCamera(4)));
     }
 
-    /// People are told in the words that they type.
+    /// Users are told in the words that they type.
     #[test]
     fn what_became_of_a_command_is_told_in_its_words() {
         let mut session = listed(&[]);
@@ -903,7 +903,7 @@ mod tests {
             let mut session = listed(&[Wish::ChangeKey(key)]);
             let sent = session.poll(at(1_200));
             assert_eq!(sent, Ok(Some(FromPc::ChangeKey(key))));
-            // Its answer would be taken for that of the key.
+            // The answer to a question would be taken for that to the key.
             assert_eq!(session.poll(at(11_000)), Ok(None));
             assert!(matches!(
                 session.poll(at(11_200)),
@@ -943,7 +943,7 @@ mod tests {
         assert_eq!(session.poll(at(11_200)), Err(Failure::KeyLost(2)));
     }
 
-    /// That there was a conflict is told at any time.
+    /// A conflict may be told at any time.
     #[test]
     fn another_pan_identifier_is_confirmed() {
         let pan = |changes| ToPc::Pan {

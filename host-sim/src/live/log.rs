@@ -1,4 +1,4 @@
-//! The events so far, for whoever opens the page late or again.
+//! The events so far, for pages that are opened late or again.
 
 use std::collections::VecDeque;
 
@@ -7,21 +7,21 @@ use answers::record::{
     event::{Event, What},
 };
 
-/// More events than these are not kept one by one: the older ones become one record.
+/// Number of events that are kept one by one; older ones become one record.
 const KEPT: usize = 20_000;
 
 /// Events with consecutive numbers. Memory is bounded: the oldest are folded into the record with which
-/// the stream begins, and the verdict that is told with it. A later verdict is told by what changed of it, and
-/// not at all where nothing did.
+/// the stream begins, and the verdict that follows it. A later verdict tells only its changes, and is not
+/// told if nothing changed.
 #[derive(Debug, Default)]
 pub struct Log {
-    /// What the events before the first that is kept come to.
+    /// Sum of the events before the first that is kept.
     begin: Option<Event>,
-    /// The verdict then.
+    /// The verdict at that time.
     verdict: Option<Event>,
-    /// The verdict now.
+    /// The present verdict.
     latest: Option<What>,
-    /// The number of the first that is kept.
+    /// The number of the first event that is kept.
     first: u64,
     lines: VecDeque<Event>,
 }
@@ -30,7 +30,7 @@ impl Log {
     /// Takes the next event.
     pub fn push(&mut self, mut event: Event) {
         if matches!(event.what, What::Begin { .. }) {
-            // Everything begins again.
+            // A new beginning replaces everything.
             self.first += self.lines.len() as u64 + u64::from(self.begin.is_some());
             self.lines.clear();
             (self.verdict, self.latest) = (None, None);
@@ -81,11 +81,11 @@ impl Log {
         self.first + self.lines.len() as u64
     }
 
-    /// The events from a number on, each with the number after it; all that is known, with a beginning,
-    /// where some of them are not there one by one any more.
+    /// The events from a number on, each with the number after it. If some of them are not kept one by one
+    /// any more: all that is known, with a beginning.
     pub fn since(&self, number: Option<u64>) -> Vec<(u64, &Event)> {
         let known = number.filter(|number| (self.first..=self.next()).contains(number));
-        // Whoever got the beginning without the verdict gets both again.
+        // A page that got the beginning without the verdict gets both again.
         let number = self.first.saturating_sub(u64::from(self.verdict.is_some()));
         let begin = { self.begin.iter() }.map(|begin| (number, begin));
         let verdict = { self.verdict.iter() }.map(|verdict| (self.first, verdict));
@@ -95,7 +95,7 @@ impl Log {
         begin.chain(numbered).collect()
     }
 
-    /// What all events come to.
+    /// Sum of all events.
     pub fn record(&self) -> Option<RunRecord> {
         let What::Begin { record, .. } = &self.begin.as_ref()?.what else {
             return None;
@@ -152,7 +152,7 @@ mod tests {
         Event::new(0.0, What::Begin { events: 1, record })
     }
 
-    /// What whoever takes all events over has in the end.
+    /// Last verdict of a reader that takes all events over.
     fn told(log: &Log, from: Option<u64>, mut now: Option<What>) -> Option<What> {
         for (_, event) in log.since(from) {
             match &event.what {
@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(Event::from_line(&line).unwrap(), *change);
     }
 
-    /// Whoever comes when the first verdicts are no longer kept one by one gets the present one too.
+    /// A reader that comes when the first verdicts are no longer kept one by one gets the present one too.
     #[test]
     fn a_verdict_outlasts_the_events_that_told_it() {
         let mut log = Log::default();
@@ -217,7 +217,7 @@ mod tests {
         assert_eq!(told(&log, None, None), Some(verdict(1, &[1, 3]).what));
         log.push(verdict(2, &[3]));
         assert_eq!(told(&log, None, None), Some(verdict(2, &[3]).what));
-        // Everything begins again, and with it the verdict.
+        // A new beginning replaces everything, also the verdict.
         log.push(begin());
         assert_eq!(told(&log, None, None), None);
         log.push(verdict(2, &[3]));

@@ -2,13 +2,13 @@
 //!
 //! | module | job |
 //! |---|---|
-//! | `editor` | A site's file as people change it |
-//! | `log` | The events so far, for whoever opens the page late |
+//! | `editor` | A site's file as the user changes it |
+//! | `log` | The events so far, for pages that are opened late |
 //! | `picture` | A run as a small picture that moves |
 //! | `server` | Serves page and events, and takes commands |
 //!
-//! The page is plain HTML, CSS and JavaScript in `page/`, embedded in the program. It asks nobody but
-//! this server for anything.
+//! The page is plain HTML, CSS and JavaScript in `page/`, embedded in the program. It asks only this
+//! server for data.
 
 use answers::record::event::Event;
 
@@ -24,9 +24,9 @@ pub use server::{About, Command, Editing, Save, Server, ServerError, serve, serv
 
 /// The page's frame.
 const INDEX: &str = include_str!("page/index.html");
-/// How it looks.
+/// Its style.
 const STYLE: &str = include_str!("page/style.css");
-/// What it does, in the order in which it is loaded.
+/// Its scripts, in the order in which they are loaded.
 const SCRIPTS: [&str; 9] = [
     include_str!("page/state.js"),
     include_str!("page/geometry.js"),
@@ -41,7 +41,7 @@ const SCRIPTS: [&str; 9] = [
 
 /// The frame of the page on which a site is edited.
 const EDITOR: &str = include_str!("page/editor.html");
-/// What that page does.
+/// Scripts of that page.
 const EDITOR_SCRIPTS: [&str; 4] = [
     include_str!("page/geometry.js"),
     include_str!("page/editor-plan.js"),
@@ -49,7 +49,7 @@ const EDITOR_SCRIPTS: [&str; 4] = [
     include_str!("page/editor.js"),
 ];
 
-/// Where the page gets its style and scripts from, in `index.html`.
+/// Mark in `index.html` that is replaced by the page's style and scripts.
 const LINKED: &str = "<!-- style and script -->";
 
 /// All scripts in one.
@@ -57,13 +57,13 @@ fn script() -> String {
     strict(&SCRIPTS.concat())
 }
 
-/// Those of the page on which a site is edited.
+/// All scripts of the page on which a site is edited, in one.
 fn editor_script() -> String {
     strict(&EDITOR_SCRIPTS.concat())
 }
 
 fn strict(script: &str) -> String {
-    // In a block: names of its own.
+    // In a block, so that its names are its own.
     format!("'use strict';\n{{\n{script}}}\n")
 }
 
@@ -84,7 +84,7 @@ fn linked(page: &str) -> String {
 }
 
 /// The page with these events in one file, which opens without a server. It runs no script but its own,
-/// and asks nobody for anything.
+/// and asks no server for anything.
 ///
 /// # Errors
 /// Those of the JSON writer, which events do not give cause for.
@@ -92,7 +92,7 @@ pub fn report(events: &[Event]) -> Result<String, serde_json::Error> {
     let lines: Vec<_> = { events.iter() }
         .map(serde_json::to_string)
         .collect::<Result<_, _>>()?;
-    // In a script element only this could end it, or begin a comment.
+    // Only this character could end a script element, or begin a comment in it.
     let data = lines.join("\n").replace('<', "\\u003c");
     let policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; \
                   base-uri 'none'; form-action 'none'";

@@ -8,15 +8,15 @@ use answers::record::{
 };
 use calib_core::Status;
 
-/// How long it takes to play, seconds, the last picture of a walk held for a while.
+/// Duration of the animation, seconds; the last picture of a walk is held for a while.
 const PLAYS: f64 = 20.0;
-/// How much longer than the walk.
+/// Ratio of the duration to that of the walk.
 const HELD: f64 = 1.15;
-/// Places of a target's way.
+/// Number of places of a target's way.
 const PLACES: usize = 240;
-/// How long a sighting is shown, as a share of the whole.
+/// Time for which a sighting is shown, as a share of the whole.
 const FLASH: f64 = 0.012;
-/// Ellipses of 95 % are so many times as large.
+/// Magnification of the ellipses of 95 %.
 const MAGNIFIED: f64 = 20.0;
 /// Width, pixels.
 const WIDTH: f64 = 640.0;
@@ -169,7 +169,7 @@ pub fn animation(events: &[Event]) -> Option<String> {
     Some(out)
 }
 
-/// How many are calibrated by now.
+/// Text with the number of calibrated cameras by now.
 fn words(
     out: &mut String,
     mut calibrated: Vec<f64>,
@@ -205,7 +205,7 @@ fn words(
     }
 }
 
-/// Where the first target was when.
+/// Times and places of the first target.
 fn way(events: &[Event]) -> Vec<(f64, [f64; 2])> {
     let mut first = None;
     let places = events.iter().filter_map(|event| match event.what {

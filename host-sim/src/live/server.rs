@@ -1,7 +1,7 @@
 //! Serves the page and the events on this computer, and takes commands.
 //!
-//! Events and commands need the token, which is in the fragment of the URL that is printed: browsers send
-//! that to nobody. A command also needs the page's own origin, and every request a known host name, so
+//! Events and commands need the token, which is in the fragment of the URL that is printed: browsers never
+//! send the fragment. A command also needs the page's own origin, and every request a known host name, so
 //! that no other page in the same browser gets anything or has anything done.
 
 use std::{
@@ -39,7 +39,7 @@ use super::{
     Editor, Layout, Log, STYLE, editor::EditError, editor_page, editor_script, page, script,
 };
 
-/// What somebody at the page wants.
+/// Command of a user at the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Command {
@@ -47,66 +47,66 @@ pub enum Command {
     Pause,
     /// Time goes on.
     Resume,
-    /// So many times real time; 0 for as fast as possible.
+    /// A simulation runs at so many times real time; 0 for as fast as possible.
     Speed {
-        /// How many.
+        /// Number of times.
         times: f64,
     },
     /// A node restarts.
     Restart {
-        /// Which.
+        /// Number of the node.
         node: u16,
     },
     /// A camera is unplugged for a while.
     Unplug {
-        /// Whose.
+        /// Number of the camera's node.
         node: u16,
-        /// How long.
+        /// Duration of the unplugging.
         seconds: f64,
     },
     /// A carrier covers all channels.
     Jam {
-        /// How long.
+        /// Duration of the jamming.
         seconds: f64,
     },
-    /// A target's step sensor says too much of each distance.
+    /// A target's step sensor adds an error to each distance.
     Drift {
-        /// Which target.
+        /// Number of the target.
         node: u16,
-        /// How long.
+        /// Duration of the error.
         seconds: f64,
-        /// As a share of the distance.
+        /// Error as a share of the distance.
         share: f64,
     },
-    /// Somebody moves a camera.
+    /// A camera is moved.
     Move {
-        /// Which.
+        /// Number of the camera.
         node: u16,
-        /// How far.
+        /// Displacement.
         by: [f64; 2],
-        /// Degrees counter-clockwise.
+        /// Turn, degrees counter-clockwise.
         turn_deg: f64,
     },
     /// New nodes may join.
     JoinWindow {
-        /// For so long; 0 closes it.
+        /// Time for it, seconds; 0 closes the window.
         seconds: u16,
     },
     /// A node is sent away.
     Remove {
-        /// Which.
+        /// Number of the node.
         node: u16,
     },
     /// A camera, or every camera, does something.
     Camera {
-        /// Which; all if `None`.
+        /// Number of the camera; all cameras if `None`.
         node: Option<u16>,
-        /// As on the command line of `host-sim console`.
+        /// The command as on the command line of `host-sim console`.
         command: String,
     },
 }
 
-/// A site to edit, and what becomes of it.
+/// A site to edit, and the way to save it.
 pub struct Editing {
     /// The file.
     pub editor: Editor,
@@ -118,19 +118,19 @@ pub struct Editing {
 /// See [`Editing::save`]. Returns what was done, in words.
 pub type Save = Box<dyn Fn(&str) -> Result<String, String> + Send + Sync>;
 
-/// What the page has to know of its server.
+/// Facts about the server that the page needs.
 #[derive(Clone, Debug, Serialize)]
 pub struct About {
-    /// What is shown.
+    /// Name of the network or site that is shown.
     pub name: String,
-    /// `simulation`, `network` or `recorded`: what can be done.
+    /// `simulation`, `network` or `recorded`: decides which commands there are.
     pub kind: &'static str,
 }
 
-/// Why the page cannot be served.
+/// Reason why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// The address is not to be had.
+    /// The address cannot be used.
     #[error("{0} cannot be served: {1}")]
     Bind(SocketAddr, io::Error),
     /// The machine gives no random numbers.
@@ -141,7 +141,7 @@ pub enum ServerError {
     Run(io::Error),
 }
 
-/// A server that runs; for whoever has events.
+/// A server that runs; takes events.
 #[derive(Clone)]
 pub struct Server(Arc<Shared>);
 
@@ -152,7 +152,7 @@ struct Shared {
     commands: Mutex<mpsc::Sender<Command>>,
     token: String,
     address: SocketAddr,
-    /// So that nobody takes the events of another run for those that follow.
+    /// Identifies the run, so that the events of another run are not taken for those that follow.
     run: String,
     /// A site to edit, in place of events.
     editing: Option<Editing>,
@@ -164,7 +164,7 @@ fn random_hex<const N: usize>() -> Result<String, ServerError> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// Serves from now on, on a thread of its own, as long as the program runs. Commands come out.
+/// Serves from now on, on a thread of its own, as long as the program runs. Returns the commands too.
 ///
 /// # Errors
 /// [`ServerError`]
@@ -215,7 +215,7 @@ fn start(
     thread::spawn(move || {
         runtime.block_on(async {
             if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
-                // It ends with the program only.
+                // It ends only with the program.
                 let _ = axum::serve(listener, router).await;
             }
         });
@@ -224,13 +224,13 @@ fn start(
 }
 
 impl Server {
-    /// Where people look, with the token.
+    /// URL at which the user looks, with the token.
     pub fn url(&self) -> String {
         let Shared { address, token, .. } = &*self.0;
         format!("http://{address}/#{token}")
     }
 
-    /// Tells everybody who looks.
+    /// Tells all pages.
     pub fn tell(&self, events: impl IntoIterator<Item = Event>) {
         let mut log = self.log();
         for event in events {
@@ -254,7 +254,7 @@ impl Server {
 
     fn is_token(&self, given: &str) -> bool {
         let own = self.0.token.as_bytes();
-        // In a time that tells nothing of where they differ.
+        // The time tells nothing of where they differ.
         let differ = own
             .iter()
             .zip(given.as_bytes())
@@ -262,7 +262,7 @@ impl Server {
         own.len() == given.len() && differ == 0
     }
 
-    /// Whether a request is of the page that this server sent, opened with the token.
+    /// Returns true if a request is from the page that this server sent, opened with the token.
     fn is_own_page(&self, headers: &HeaderMap) -> bool {
         let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
         let host = text(HOST).unwrap_or_default();
@@ -271,13 +271,13 @@ impl Server {
         is_own && self.is_token(token)
     }
 
-    /// Whether a request names this server as its own page does.
+    /// Returns true if a request names this server as its own page does.
     fn is_host(&self, host: &str) -> bool {
         let address = self.0.address;
         let is_own = host == address.to_string();
         let is_local =
             address.ip().is_loopback() && host == format!("localhost:{}", address.port());
-        // Of all addresses nobody knows which it is, but a name could be anybody's.
+        // If it serves on all addresses, any address may be its own; but a name could belong to any computer.
         let is_any = address.ip().is_unspecified()
             && host
                 .parse::<SocketAddr>()
@@ -317,8 +317,8 @@ fn router(server: Server) -> Router {
         .with_state(server)
 }
 
-/// Nothing is told to whoever was led here by another name, and browsers run only what the page is made
-/// of.
+/// Refuses requests under other names, to which another site may have led the browser, and tells browsers
+/// to run only the page's own parts.
 async fn guard(State(server): State<Server>, request: Request, next: Next) -> Response {
     let host = request
         .headers()
@@ -362,7 +362,7 @@ async fn about(State(server): State<Server>, Query(given): Query<Token>) -> Resp
     }
 }
 
-/// All events, and then those that come.
+/// Sends all events, and then those that come.
 async fn events(
     State(server): State<Server>,
     Query(given): Query<Token>,
@@ -413,7 +413,7 @@ async fn command(
             let commands = { server.0.commands.lock() }.unwrap_or_else(PoisonError::into_inner);
             match commands.send(command) {
                 Ok(()) => StatusCode::ACCEPTED.into_response(),
-                Err(_) => (StatusCode::GONE, "nobody does anything any more").into_response(),
+                Err(_) => (StatusCode::GONE, "the program ends").into_response(),
             }
         }
         Err(wrong) => (StatusCode::UNPROCESSABLE_ENTITY, wrong.body_text()).into_response(),

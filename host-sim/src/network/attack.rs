@@ -1,4 +1,4 @@
-//! Who sends frames without the key.
+//! An attacker that sends frames without the key.
 
 use std::{
     cell::{Cell, RefCell},
@@ -24,10 +24,10 @@ use super::{Simulation, events};
 /// Preamble, start of frame and length, bytes.
 const PHY_HEADER: u64 = 6;
 
-/// How long a byte takes at 250 kbit/s, seconds.
+/// Duration of a byte at 250 kbit/s, seconds.
 const BYTE_S: f64 = 32e-6;
 
-/// What came from no node.
+/// Count of the frames that came from no node.
 #[derive(Clone, Default)]
 pub(super) struct Attacker {
     frames: Rc<Cell<u64>>,
@@ -43,7 +43,7 @@ impl Attacker {
         medium.inject(from, channel, psdu);
     }
 
-    /// What is told of it after so many seconds, if anybody was to attack.
+    /// Record of the attack after so many seconds, if the scenario has one.
     pub(super) fn told(&self, scenario: &Scenario, seconds: f64) -> Option<Attack> {
         let attacks = |action: &Action| {
             matches!(
@@ -72,10 +72,10 @@ impl Attacker {
     }
 }
 
-/// A frame without its FCS, and where it was heard.
+/// A frame without its FCS, and the channel on which it was heard.
 type Heard = (Channel, Vec<u8>);
 
-/// The last that was heard of a network.
+/// The last frames that were heard of a network.
 #[derive(Default)]
 struct Last {
     frame: Option<Heard>,
@@ -151,7 +151,7 @@ fn bytes(count: usize, random: &mut impl Rng) -> Vec<u8> {
     bytes
 }
 
-/// Somebody who hears all of the first network.
+/// A receiver of the attacker that hears all of the first network.
 #[derive(Clone)]
 pub(super) struct Ears {
     antenna: NodeId,
@@ -160,7 +160,7 @@ pub(super) struct Ears {
     last: Rc<RefCell<Last>>,
 }
 
-/// Puts somebody up beside the first network's coordinator, if anybody is to forge frames.
+/// Puts the attacker's receiver beside the first network's coordinator, if the scenario has forged frames.
 pub(super) fn listen(simulation: &Simulation) -> Option<Ears> {
     let mut events = simulation.scenario.events.iter();
     if !events.any(|event| matches!(event.action, Action::Forge { .. })) {
@@ -195,7 +195,7 @@ pub(super) fn listen(simulation: &Simulation) -> Option<Ears> {
     Some(ears)
 }
 
-/// Sends forged frames, one every so often.
+/// Sends forged frames at a fixed period.
 pub(super) async fn forge(
     clock: Clock,
     during: Range<Time>,

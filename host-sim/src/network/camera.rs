@@ -13,7 +13,7 @@ pub struct CameraDevice {
     /// The camera.
     pub emulator: Emulator,
     scene: Stage,
-    /// Those it has, and those it is to have.
+    /// The camera's present faults, and the faults that it is to have.
     faults: Option<(FaultRates, Rc<Cell<FaultRates>>)>,
 }
 
@@ -28,7 +28,7 @@ impl CameraDevice {
         }
     }
 
-    /// Faults that may change: from the next frame or byte on it has those of the cell.
+    /// Adds faults that may change: from the next frame or byte on the camera has those of the cell.
     #[must_use]
     pub(super) fn with_faults(self, faults: Rc<Cell<FaultRates>>) -> Self {
         Self {
@@ -37,7 +37,7 @@ impl CameraDevice {
         }
     }
 
-    /// Faults begin anew with their seed: only where they differ.
+    /// Sets the faults only if they differ, because they then begin anew with their seed.
     fn follow_faults(&mut self) {
         if let Some((present, faults)) = &mut self.faults
             && *present != faults.get()
@@ -89,8 +89,8 @@ pub struct Pixy2Device {
 }
 
 impl Pixy2Device {
-    /// `scene` is called with the time before each byte that may ask for a frame. Of the faults it has
-    /// `corrupt_line`, of each answer.
+    /// `scene` is called with the time before each byte that may ask for a frame. The only fault is
+    /// `corrupt_line`, for each answer.
     pub fn new(
         emulator: pixy2_emulator::Emulator,
         scene: impl FnMut(Time, &mut Scene) + 'static,

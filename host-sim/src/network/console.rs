@@ -1,4 +1,4 @@
-//! The PC on a coordinator's line: knows what people would.
+//! The PC on a coordinator's line: it knows what the network's users would know.
 
 use std::{
     cell::{Cell, Ref, RefCell},
@@ -25,12 +25,12 @@ use virtual_bench::{
     polled::Polled,
 };
 
-/// A terminal on which somebody else listens to the coordinator, and talks to it.
+/// A terminal on which another program listens to the coordinator, and talks to it.
 pub trait Terminal: io::Read + io::Write {}
 
 impl<T: io::Read + io::Write> Terminal for T {}
 
-/// What a PC knows of a network.
+/// A PC's knowledge of a network.
 #[derive(Clone)]
 pub(super) struct Console(Rc<Shared>);
 
@@ -44,9 +44,9 @@ struct Shared {
     complete: Rc<RollCall>,
     orders: RefCell<Option<Bytes>>,
     journal: SharedJournal,
-    /// When cameras last told what they see while they track.
+    /// Time at which each camera last told what it sees while it tracks.
     heard: RefCell<BTreeMap<u16, Duration>>,
-    /// What was told of looks and objects since somebody asked.
+    /// Messages about looks and objects since they were last taken.
     tracking: RefCell<Option<Vec<(Duration, ToPc)>>>,
 }
 
@@ -76,7 +76,7 @@ impl io::Write for Orders {
     }
 }
 
-/// Whether all nodes of a network have presented themselves.
+/// Flag that all nodes of a network have presented themselves, to wait for.
 #[derive(Default)]
 pub(super) struct RollCall {
     is_complete: Cell<bool>,
@@ -89,7 +89,7 @@ impl RollCall {
         self.waiting.borrow_mut().drain(..).for_each(Waker::wake);
     }
 
-    /// Returns when they have.
+    /// Returns when all nodes have presented themselves.
     pub(super) async fn completed(&self) {
         poll_fn(|context| {
             if self.is_complete.get() {
@@ -124,7 +124,7 @@ impl Console {
         }))
     }
 
-    /// Lets somebody else on the line too.
+    /// Lets another program on the line too.
     pub(super) fn connect(&self, terminal: Box<dyn Terminal>) {
         let polled = Polled::new(terminal, self.0.clock.clone());
         *self.0.terminal.borrow_mut() = Some(polled);
@@ -134,12 +134,12 @@ impl Console {
         self.0.complete.clone()
     }
 
-    /// What the coordinator has told.
+    /// The network as the coordinator has told it.
     pub(super) fn view(&self) -> Ref<'_, NetworkView> {
         self.0.view.borrow()
     }
 
-    /// Tells the coordinator something, of whom [`take_orders`](Self::take_orders) was asked.
+    /// Tells the coordinator something; [`take_orders`](Self::take_orders) must have been called before.
     pub(super) fn order(&self, message: &FromPc) {
         let mut buffer = [0; FRAME_MAX];
         if let (Some(orders), Some(frame)) =
@@ -149,20 +149,20 @@ impl Console {
         }
     }
 
-    /// From now on whoever looks on may tell the coordinator something too.
+    /// From now on an onlooker may tell the coordinator something too.
     pub(super) fn take_orders(&self) {
         let orders = Orders::default();
         *self.0.orders.borrow_mut() = Some(orders.0.clone());
         self.connect(Box::new(orders));
     }
 
-    /// When each camera last told what it sees while it tracks.
+    /// Time at which each camera last told what it sees while it tracks.
     pub(super) fn heard(&self) -> Ref<'_, BTreeMap<u16, Duration>> {
         self.0.heard.borrow()
     }
 
-    /// What the coordinator told of looks and objects since this was asked last, with the time; nothing
-    /// the first time.
+    /// The coordinator's messages about looks and objects since the last call, with the time; none at the
+    /// first call.
     pub(super) fn tracking(&self) -> Vec<(Duration, ToPc)> {
         std::mem::take(self.0.tracking.borrow_mut().get_or_insert_default())
     }
@@ -176,7 +176,7 @@ impl Console {
         let Some(mut port) = self.0.port.take() else {
             return;
         };
-        // There may be none yet, but there is one before anything runs.
+        // There may be no terminal yet, but there is one before anything runs.
         let mut terminal = None;
         let mut frames = Frames::default();
         let mut bytes = [0; 256];
@@ -195,7 +195,7 @@ impl Console {
                         }
                     }
                     if let Some(terminal) = &mut terminal {
-                        // Whoever listens there is no part of the rehearsal.
+                        // Programs that listen there are no part of the rehearsal.
                         let _ = terminal.write_all(&bytes[..count]).await;
                     }
                 }
@@ -214,7 +214,7 @@ impl Console {
         journal.note(shared.id, format_args!("to the PC: {message:?}"));
         let now = Duration::from_nanos(shared.clock.time());
         let mut view = shared.view.borrow_mut();
-        // Whoever had the address, and whoever has it now.
+        // The member that had the address, and the one that has it now.
         let address = match *message {
             ToPc::Member { address, .. }
             | ToPc::Report { address, .. }

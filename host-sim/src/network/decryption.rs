@@ -1,4 +1,4 @@
-//! What Wireshark needs to read a capture of a simulation.
+//! Key and addresses that Wireshark needs to read a capture of a simulation.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use node_firmware::role::COORDINATOR;
 use virtual_bench::random::Root;
 use zigbee_link::wire::Eui64;
 
-/// What it would take payloads for otherwise, though they are of no such protocol.
+/// Protocols that Wireshark would otherwise see in payloads, though they are of none of these.
 const OTHERS: [&str; 6] = [
     "6lowpan",
     "zbee_nwk",
@@ -18,9 +18,9 @@ const OTHERS: [&str; 6] = [
 ];
 
 impl Simulation {
-    /// A shell script that shows the capture that it is named after, with `.sh`, decrypted: the
-    /// simulation's own key, which is drawn from its seed, and whose short addresses are whose. To
-    /// be asked for at the end of a run, when these are known.
+    /// A shell script, named after a capture with `.sh`, that shows it decrypted. It has the simulation's
+    /// own key, which is drawn from its seed, and the owners of the short addresses. It is complete at
+    /// the end of a run, when these are known.
     pub fn decryption_script(&self) -> String {
         let mut script = "#!/bin/sh\n\
              # Shows the capture decrypted, with the key that this simulation drew from its seed:\n\
@@ -30,7 +30,7 @@ impl Simulation {
             .to_owned();
         let key = hex(&secret(Root(self.scenario.seed)));
         let index = KEY_INDEX;
-        // What cannot fail: a `String` takes all.
+        // This cannot fail: a `String` takes all.
         let _ = writeln!(
             script,
             " -o 'uat:ieee802154_keys:\"{key}\",\"{index}\",\"No hash\"' \\"

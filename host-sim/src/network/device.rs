@@ -1,4 +1,4 @@
-//! What is on a node's UART: a simulated line, or a real device.
+//! Devices on a node's UART: a simulated line, or a real device.
 
 use std::io;
 
@@ -14,7 +14,7 @@ pub(super) type Serial = Box<dyn SerialPort>;
 pub(super) enum Device {
     /// A simulated line.
     Line(line::Port),
-    /// Something real, in real time.
+    /// A real device, in real time.
     Real(Polled<Serial>),
 }
 

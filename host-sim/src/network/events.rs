@@ -1,4 +1,4 @@
-//! What goes wrong by order of the scenario.
+//! Events that the scenario orders: faults and disturbances.
 
 use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 
@@ -29,7 +29,7 @@ struct Heard {
     psdu: Vec<u8>,
 }
 
-/// Frames of those nodes that some event replays, in their order.
+/// Frames of the nodes that some event replays, in their order.
 type Tape = Rc<RefCell<Vec<Heard>>>;
 
 /// Plans all events of the scenario.
@@ -230,7 +230,7 @@ async fn restart(clock: Clock, at: Time, node: Rc<Node>) {
     node.restart();
 }
 
-/// `share`: how much of its next flash operation is done before, if it is to be in one.
+/// `share`: share of its next flash operation that is done before, if the cut is to be in one.
 async fn power_cut(clock: Clock, at: Time, node: Rc<Node>, lasts: Time, share: Option<f64>) {
     clock.sleep_until_time(at).await;
     if let Some(share) = share {
@@ -311,7 +311,7 @@ async fn hurry(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, stan
     node.hurry(stand, false);
 }
 
-/// Nodes may move meanwhile, and get power: those whose radio is elsewhere are told so often.
+/// Nodes may move meanwhile, and get power: emulated chips are told so often which channels are jammed.
 const JAM_TOLD: Time = 100_000_000;
 
 async fn jam(clock: Clock, during: std::ops::Range<Time>, nodes: Vec<Rc<Node>>) {
@@ -347,7 +347,7 @@ async fn wear_out(clock: Clock, at: Time, node: Rc<Node>) {
     node.wear_out();
 }
 
-/// Keeps what nodes send whose frames will be replayed.
+/// Keeps the frames that will be replayed, as nodes send them.
 fn record(simulation: &Simulation) -> Tape {
     let tape = Tape::default();
     let replayed: BTreeSet<_> = simulation
@@ -383,7 +383,7 @@ fn record(simulation: &Simulation) -> Tape {
     tape
 }
 
-/// Frames come again with the pauses that they had.
+/// Sends frames again with the pauses that they had.
 async fn replay(
     clock: Clock,
     at: Time,

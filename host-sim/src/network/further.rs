@@ -10,7 +10,7 @@ use super::{Simulation, outcome, walk::Orders};
 use site::{Network, TargetNode, planner};
 use virtual_bench::executor::Time;
 
-/// How far targets were led on.
+/// Count of the stops to which targets were led on.
 pub(super) struct Further {
     most: usize,
     made: usize,
@@ -18,7 +18,7 @@ pub(super) struct Further {
 }
 
 impl Further {
-    /// So many stops at most.
+    /// Allows so many stops at most.
     pub(super) fn new(most: usize) -> Self {
         Self {
             most,
@@ -27,12 +27,12 @@ impl Further {
         }
     }
 
-    /// What leads a target on.
+    /// Orders that lead a target on.
     pub(super) fn orders_of(&mut self, target: u16) -> Rc<Orders> {
         self.orders.entry(target).or_default().clone()
     }
 
-    /// Whether targets may be led on.
+    /// Returns true if targets may be led on.
     fn is_left(&self) -> bool {
         self.made < self.most
     }
@@ -43,8 +43,8 @@ impl Further {
     }
 }
 
-/// Leads targets on to where the verdict asks for a stop. How long that may take; `None` if it asks for
-/// none, or for more than are left.
+/// Leads targets on to the stops that the verdict asks for. Returns how long that may take; `None` if it asks
+/// for no stop, or for more than are left.
 pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     if !simulation.further.is_left() {
         return None;
@@ -58,7 +58,7 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
         let frame = outcome::frame(simulation, network, &simulation.consoles[number]);
         let asked = verdict.next_stops.iter();
         let asked = asked.filter(|stop| usize::from(stop.network) == number + 1);
-        // A target that went on into another network estimates nothing together any more.
+        // A target that went on into another network makes no joint estimates any more.
         let has_left = { simulation.site.networks.iter() }.any(|other| other.home == Some(number));
         let asked = asked.filter(|stop| !has_left || !stop.seen_by.iter().all(is_calibrated));
         let goals: Vec<_> = asked
@@ -81,7 +81,7 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     longest
 }
 
-/// Who is led on: whoever made most stops, whose walk the verdict is about.
+/// The target that is led on: the one with the most stops, whose walk the verdict is about.
 fn walker<'a>(simulation: &Simulation, network: &'a Network) -> Option<&'a TargetNode> {
     let made = |target: &&TargetNode| {
         let stops = simulation.entry(target.id).stops.len();
@@ -90,7 +90,7 @@ fn walker<'a>(simulation: &Simulation, network: &'a Network) -> Option<&'a Targe
     network.targets.iter().max_by_key(made)
 }
 
-/// The way there, around what stands about: over places where it was, at which it stops too.
+/// The way there, around obstacles: over places where the target was, at which it stops too.
 fn route(
     simulation: &Simulation,
     target: &TargetNode,

@@ -1,4 +1,4 @@
-//! What nodes said and learnt, with times.
+//! Messages and knowledge of nodes, with times.
 
 use std::{
     cell::RefCell,
@@ -25,16 +25,16 @@ use virtual_bench::executor::{Clock, Time};
 
 pub(super) type SharedJournal = Rc<RefCell<Journal>>;
 
-/// What became known of one stop of a target.
+/// Knowledge about one stop of a target.
 #[derive(Clone, Debug)]
 pub(super) struct StopEntry {
-    /// When the target first told of it.
+    /// Time at which the target first told of it.
     pub(super) at: Time,
-    /// Where it really stood then.
+    /// True place of the target at that time.
     pub(super) truth: Point2<f64>,
-    /// Where it thought it was, in the frame of the site, when it told last.
+    /// Place that the target believed, in the frame of the site, when it told last.
     pub(super) believed: Option<calib_core::dead_reckoning::Place<f32>>,
-    /// The way from the stop before, as its step sensor measured it; not known where it was off on
+    /// The way from the stop before, as its step sensor measured it; unknown if the sensor was off on
     /// the way.
     pub(super) way: Option<Displacement<f64>>,
 }
@@ -59,34 +59,34 @@ impl Default for Way {
     }
 }
 
-/// What became known of one node.
+/// Knowledge about one node.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NodeEntry {
-    /// When it first reported a pose.
+    /// Time at which it first reported a pose.
     pub(super) calibrated: Option<Time>,
     /// A camera's sightings by their place in its list.
     pub(super) sightings: BTreeMap<u8, KeptSighting>,
-    /// What a camera saw, by the target's address and its number of the stop.
+    /// A camera's measurements, by the target's address and its number of the stop.
     pub(super) seen: BTreeMap<(MemberAddress, StopNumber), Seen>,
-    /// What a target has walked since its last stop.
+    /// A target's way since its last stop.
     pub(super) way: Way,
     /// A target's stops by their number.
     pub(super) stops: BTreeMap<u16, StopEntry>,
-    /// When and where a target's carrier came to stand.
+    /// Times and places at which a target's carrier came to stand.
     pub(super) arrivals: Vec<(Time, Point2<f64>)>,
     /// Bytes of all messages it handed to its link.
     pub(super) payload_bytes: u64,
-    /// When it last said anything.
+    /// Time at which it last said anything.
     pub(super) said: Option<Time>,
-    /// A target: when it last asked a member for itself, by the member's address.
+    /// A target: time at which it last asked each member for itself, by the member's address.
     pub(super) asked: BTreeMap<u16, Time>,
-    /// What kept it from going on, each time.
+    /// Each failure that kept it from going on.
     pub(super) failures: Vec<(Time, String)>,
 }
 
 impl NodeEntry {
-    /// What was read from the memory of a node that nobody watched. What it saw of which target since that was
-    /// read last.
+    /// Takes in facts from the memory of a node that is not watched. Returns the measurements that are new since
+    /// the last call, each with its target.
     pub(super) fn learns_late(&mut self, facts: &[Fact]) -> Vec<(MemberAddress, Seen)> {
         let mut news = Vec::new();
         for fact in facts {
@@ -103,7 +103,7 @@ impl NodeEntry {
         news
     }
 
-    /// What a camera keeps of a stop, it saw there: whose it is, if it was not known.
+    /// Takes in a measurement that a camera keeps of a stop. Returns it with its target, if it was not known.
     fn sees(&mut self, fact: &Fact) -> Option<(MemberAddress, Seen)> {
         let seen = match fact {
             Fact::Sighting(_, Some(kept)) => Some(((kept.target, kept.stop), kept.seen)),
@@ -117,7 +117,7 @@ impl NodeEntry {
         known.is_none().then_some((stop.0, seen))
     }
 
-    /// The last arrival was the last stop that was written down, and none is left out.
+    /// Numbers the stops: the last arrival was the last stop that was written down, and none is left out.
     fn number_stops(&mut self, walk: &Walk) {
         for (back, (at, truth)) in (0..).zip(self.arrivals.iter().rev()) {
             let believed = (back == 0 && walk.located).then_some(walk.place);
@@ -133,39 +133,39 @@ impl NodeEntry {
     }
 }
 
-/// What happens at a moment, for whoever looks on.
+/// Event at a moment, for an onlooker.
 #[derive(Clone, Debug)]
 pub(super) enum Moment {
     /// A camera saw the target at this address.
     Seen(MemberAddress, Seen),
     /// A camera that was told to track sees this.
     Tracked(Tracked),
-    /// A coordinator knows where something is.
+    /// A coordinator knows the place of an object.
     Object(u16, Option<TrackedObject>),
-    /// An object really is here, in the frame of the coordinator's network.
+    /// True place of an object, in the frame of the coordinator's network.
     Truth(u16, Point2<f64>),
     /// A target goes on from its stop.
     StopEnds,
-    /// Something in words.
+    /// A message in words.
     Said(String),
-    /// A camera was told something, and has done it or not.
+    /// A camera has done a command, or has not.
     Done(CameraCommand, CommandOutcome),
 }
 
 /// The journal of a run.
 pub(super) struct Journal {
     clock: Clock,
-    /// How often something was written down.
+    /// Number of times that something was written down.
     pub(super) changes: u64,
-    /// When which node did what, if somebody looks on.
+    /// Time, node and event of each moment, if there is an onlooker.
     pub(super) moments: Option<Vec<(Time, u16, Moment)>>,
     log: Option<Box<dyn Write>>,
     pub(super) nodes: HashMap<u16, NodeEntry>,
-    /// Of a node of which nothing became known.
+    /// Entry of a node of which nothing is known.
     blank: NodeEntry,
     /// Members of which coordinators told something, each with the coordinators that did.
     tellers: BTreeMap<u16, BTreeSet<u16>>,
-    /// Those since somebody asked last.
+    /// Members told of since the last [`take_told`](Self::take_told).
     told: BTreeSet<u16>,
     /// Stops that targets have left, or ended with.
     pub(super) stops_ended: usize,
@@ -194,18 +194,18 @@ impl Journal {
         self.nodes.entry(id).or_default()
     }
 
-    /// What became known of a node.
+    /// Knowledge about a node.
     pub(super) fn entry(&self, id: u16) -> &NodeEntry {
         self.nodes.get(&id).unwrap_or(&self.blank)
     }
 
-    /// A coordinator told its PC of a member.
+    /// Notes that a coordinator told its PC of a member.
     pub(super) fn told(&mut self, member: u16, coordinator: u16) {
         self.told.insert(member);
         self.tellers.entry(member).or_default().insert(coordinator);
     }
 
-    /// Members of which coordinators told something since this was asked last.
+    /// Members of which coordinators told something since the last call.
     pub(super) fn take_told(&mut self) -> BTreeSet<u16> {
         std::mem::take(&mut self.told)
     }
@@ -215,19 +215,19 @@ impl Journal {
         self.tellers.get(&member).into_iter().flatten().copied()
     }
 
-    /// A pose of this node is known from now on, if it was not before.
+    /// Notes that a pose of this node is known from now on, if it was not before.
     pub(super) fn calibrated(&mut self, id: u16) {
         let now = self.clock.time();
         self.node(id).calibrated.get_or_insert(now);
     }
 
-    /// A target's carrier stands here from now on.
+    /// Notes that a target's carrier stands here from now on.
     pub(super) fn arrived(&mut self, id: u16, place: Point2<f64>) {
         let now = self.clock.time();
         self.node(id).arrivals.push((now, place));
     }
 
-    /// A target's step sensor measured a step; whether it was on.
+    /// Notes that a target's step sensor measured a step, and whether it was on.
     pub(super) fn stepped(&mut self, id: u16, step: &Step<f32>, is_on: bool) {
         let way = &mut self.node(id).way;
         way.has_gap |= !is_on;
@@ -235,7 +235,7 @@ impl Journal {
         way.walked.covariance += step.covariance().cast::<f64>();
     }
 
-    /// Tells whoever looks on.
+    /// Tells an onlooker.
     pub(super) fn moment(&mut self, id: u16, moment: impl FnOnce() -> Moment) {
         self.changes += 1;
         if let Some(moments) = &mut self.moments {
@@ -243,20 +243,20 @@ impl Journal {
         }
     }
 
-    /// A target goes on from its stop.
+    /// Notes that a target goes on from its stop.
     pub(super) fn left(&mut self, id: u16) {
         self.stops_ended += 1;
         self.moment(id, || Moment::StopEnds);
     }
 
-    /// A node cannot go on.
+    /// Notes that a node cannot go on.
     pub(super) fn failed(&mut self, id: u16, why: &str) {
         let now = self.clock.time();
         self.note(id, format_args!("stops: {why}"));
         self.node(id).failures.push((now, why.to_owned()));
     }
 
-    /// Only now the node tells why it could not go on when it last [failed](Self::failed).
+    /// Adds the reason why a node could not go on when it last [failed](Self::failed): it tells that only now.
     pub(super) fn failed_since(&mut self, id: u16, why: &str) {
         if let Some((_, known)) = self.node(id).failures.last_mut() {
             *known = format!("{known}: {why}");
@@ -269,18 +269,18 @@ impl Journal {
             let at = self.clock.time();
             let (seconds, micros) = (at / 1_000_000_000, at / 1_000 % 1_000_000);
             let line = format!("{seconds}.{micros:06} node {id}: {what}\n");
-            // In one piece, so that whoever is killed leaves whole lines. A full disk spoils the
-            // log, not the run. Whoever owns the file learns of it.
+            // In one piece, so that a program that is killed leaves whole lines. A full disk spoils the
+            // log, not the run. The owner of the file learns of it.
             let _ = log.write_all(line.as_bytes());
         }
     }
 }
 
-/// Writes down what a node says and learns.
+/// Writes down a node's messages and knowledge.
 pub(super) struct Witness {
     pub(super) id: u16,
     pub(super) journal: SharedJournal,
-    /// Where a target really is.
+    /// True place of a target.
     pub(super) truth: Box<dyn Fn() -> Option<Point2<f64>>>,
 }
 

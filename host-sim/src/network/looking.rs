@@ -1,4 +1,4 @@
-//! What whoever looks on sees of a simulation while it runs, and may do to it.
+//! An onlooker's view of a simulation while it runs, and commands to it.
 
 use answers::record::{
     RunRecord,
@@ -20,21 +20,21 @@ use super::{
     outcome::{frame, record},
 };
 
-/// Somebody who looks on: makes events of what is new since the last look.
+/// An onlooker: makes events of everything that is new since the last look.
 #[derive(Default)]
 pub struct Onlooker {
     looker: Looker,
-    /// What had been written down by then.
+    /// Number of changes in the journal at the last look.
     changes: Option<u64>,
-    /// Where targets were then.
+    /// Places of targets at the last look.
     places: Vec<Point2<f64>>,
 }
 
-/// Targets are told to be elsewhere once they have gone so far, in metres.
+/// Distance after which a target's new place is told, in metres.
 const PLACES: f64 = 0.05;
 
 impl Onlooker {
-    /// What is new.
+    /// Events since the last look.
     pub fn look(&mut self, simulation: &Simulation) -> Vec<Event> {
         let mut events = self.places(simulation);
         let moments = simulation.moments();
@@ -50,7 +50,7 @@ impl Onlooker {
         all
     }
 
-    /// What is new since then, and the end.
+    /// Events since the last look, and the end.
     pub fn end(
         &mut self,
         simulation: &Simulation,
@@ -96,7 +96,7 @@ impl Onlooker {
 }
 
 impl Simulation {
-    /// What is known by now, compared with the truth.
+    /// The record so far, compared with the truth.
     pub fn record(&self) -> RunRecord {
         RunRecord {
             wall_seconds: None,
@@ -104,7 +104,7 @@ impl Simulation {
         }
     }
 
-    /// From now on coordinators take [orders](Self::order), before anything has run.
+    /// Makes coordinators take [orders](Self::order) from now on. Nothing has run yet.
     pub fn take_orders(&self) {
         for console in &self.consoles {
             console.take_orders();
@@ -112,17 +112,17 @@ impl Simulation {
     }
 
     /// Tells a camera something by way of its coordinator, as a PC on the coordinator's line would.
-    /// Whether it is a member of a network.
+    /// Returns true if it is a member of a network.
     pub fn order(&self, node: u16, command: CameraCommand) -> bool {
         self.send(node, |address| FromPc::Command { address, command })
     }
 
-    /// Sends a member away. Whether it was one.
+    /// Sends a member away. Returns true if it was a member.
     pub fn remove(&self, node: u16) -> bool {
         self.send(node, FromPc::Remove)
     }
 
-    /// New nodes may join every network for so many seconds.
+    /// Lets new nodes join every network for so many seconds.
     pub fn let_join(&self, seconds: u16) {
         for console in &self.consoles {
             console.order(&FromPc::JoinWindow(seconds));
@@ -146,7 +146,7 @@ impl Simulation {
         })
     }
 
-    /// From now on, somebody looks on.
+    /// Keeps moments for an onlooker from now on.
     pub fn watch(&self) {
         let mut journal = self.journal.borrow_mut();
         journal.moments.get_or_insert_default();
@@ -164,12 +164,12 @@ impl Simulation {
         self.scenario.events = planned;
     }
 
-    /// From now on time passes so, which is called with the next moment and may wait.
+    /// Sets the pace of time from now on: `pace` is called with the next moment and may wait.
     pub fn set_pace(&mut self, pace: impl FnMut(Time) + 'static) {
         self.executor.set_pace(pace);
     }
 
-    /// What happened since this was asked last, of all but records.
+    /// Everything that happened since the last call, except records.
     fn moments(&self) -> Vec<Event> {
         let mut journal = self.journal.borrow_mut();
         let moments = journal.moments.as_mut().map(std::mem::take);

@@ -17,10 +17,10 @@ use site::{Scenario, ScenarioError};
 
 /// Runs every scenario, `jobs` at a time, and hands the records to `take` in their order.
 ///
-/// A simulation lives on one thread; which one, and how many there are, changes nothing.
+/// A simulation lives on one thread. It does not matter which one, and how many threads there are.
 ///
 /// # Errors
-/// The first scenario that is not possible, and that of `take`. Nothing more is run then.
+/// The first scenario that is not possible, and the first error of `take`. Nothing more is run then.
 pub fn run_all<E: From<ScenarioError>>(
     scenarios: &[Scenario],
     jobs: NonZeroUsize,
@@ -29,7 +29,7 @@ pub fn run_all<E: From<ScenarioError>>(
     run_all_until(scenarios, jobs, &Arc::default(), take)
 }
 
-/// The same until somebody sets `stop`: runs that are under way then are left out.
+/// As [`run_all`], until `stop` is set: runs that are under way then are left out.
 ///
 /// # Errors
 /// Those of [`run_all`].
@@ -88,6 +88,6 @@ fn in_order<E: From<ScenarioError>>(
             expected += 1;
         }
     }
-    // Behind one that was stopped.
+    // Records behind a run that was stopped.
     early.into_values().try_for_each(|record| take(record?))
 }

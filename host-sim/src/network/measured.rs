@@ -1,4 +1,4 @@
-//! What a run's nodes measured, for whoever solves it again.
+//! Measurements of a run's nodes, as input of another solution.
 
 use answers::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings};
 use node_firmware::config::RoleConfig;
@@ -6,7 +6,7 @@ use node_firmware::config::RoleConfig;
 use super::{Simulation, console::Console, outcome::Numbers};
 use site::{Network, TargetNode};
 
-/// The bearings of all cameras and the ways of all targets of a network, with what its nodes are
+/// The bearings of all cameras and the ways of all targets of a network, with the values that its nodes are
 /// told beforehand.
 pub(super) fn sightings(
     simulation: &Simulation,

@@ -13,13 +13,13 @@
 //! | `device` | A simulated line, or a real camera in its place |
 //! | `emulated` | The same firmware as machine code on an emulated board |
 //! | `walk` | A target's carrier, and its step sensor |
-//! | `further` | Where the verdict has it go when its way is at an end |
+//! | `further` | The way on, as the verdict asks, when the planned way is at an end |
 //! | `console` | The PC on a coordinator's line |
-//! | `objects` | What walks there without a radio, for calibrated cameras to track |
-//! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
-//! | `looking` | What whoever looks on sees and may do |
-//! | `attack` | Who sends frames without the key |
-//! | `events` | What goes wrong by order of the scenario |
+//! | `objects` | Objects without a radio that walk there, for calibrated cameras to track |
+//! | `journal` | Messages and knowledge of nodes, with times: the log, and the source of records |
+//! | `looking` | An onlooker's view, and commands |
+//! | `attack` | An attacker that sends frames without the key |
+//! | `events` | Faults and disturbances by order of the scenario |
 //! | `outcome` | The record |
 //! | `measured` | Its part that a joint solution needs |
 //! | `many` | Many runs on many threads |
@@ -94,15 +94,15 @@ use virtual_bench::{
 
 const SECOND: Time = 1_000_000_000;
 
-/// After the last target has ended its walk, reports still come in.
+/// Time for reports to come in after the last target has ended its walk.
 const GRACE: Time = 5 * SECOND;
-/// How often the flash of chips is read, so that what they overwrite later is known too.
+/// Period with which the flash of chips is read, so that facts that they overwrite later are known too.
 const CHIPS_READ: Time = SECOND / 5;
 
-/// The world and where its radios are, for all who move in it.
+/// The world and where its radios are, for all that move in it.
 type SharedWorld = Rc<RefCell<World>>;
 
-/// How to run.
+/// Options of a run.
 #[derive(Default)]
 pub struct Options {
     /// So many times real time; as fast as possible if `None`.
@@ -112,44 +112,44 @@ pub struct Options {
     /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
     /// every camera is calibrated and every pose checked.
     pub further_stops: usize,
-    /// Ends the run, as far as it is, once somebody sets it.
+    /// Ends the run early once it is set.
     pub stop: Arc<AtomicBool>,
-    /// All frames on the air, for Wireshark. What cannot be written is left out.
+    /// All frames on the air, for Wireshark. Frames that cannot be written are left out.
     pub pcap: Option<Box<dyn Write>>,
-    /// What nodes say and learn, as text. What cannot be written is left out.
+    /// Messages and knowledge of nodes, as text. Lines that cannot be written are left out.
     pub log: Option<Box<dyn Write>>,
 }
 
-/// Why a real camera cannot be connected.
+/// Reason why a real camera cannot be connected.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
-    /// Nobody of that number has one.
+    /// There is no camera with this number.
     #[error("the scenario has no camera {0}")]
     NoCamera(u16),
-    /// There are fewer.
+    /// There are fewer networks.
     #[error("the scenario has no network {0}: they are counted from 1")]
     NoNetwork(usize),
-    /// The port is not to be had.
+    /// The port cannot be opened.
     #[error(transparent)]
     Port(#[from] OpenError),
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Simulated seconds.
     pub seconds: f64,
     /// Stops that targets have ended.
     pub stops: usize,
-    /// Stops there are.
+    /// All stops.
     pub of: usize,
-    /// How many cameras are.
+    /// Number of calibrated cameras.
     pub calibrated: usize,
-    /// Cameras there are.
+    /// All cameras.
     pub cameras: usize,
     /// Nodes that say that they belong to a network.
     pub joined: usize,
-    /// Nodes there are.
+    /// All nodes.
     pub nodes: usize,
 }
 
@@ -164,27 +164,27 @@ pub struct Simulation {
     executor: Executor,
     medium: Medium,
     world: SharedWorld,
-    /// Before all cameras.
+    /// The light before all cameras.
     light: Rc<Cell<[f64; 3]>>,
     journal: SharedJournal,
     nodes: Vec<Rc<Node>>,
-    /// Where each node is among them, by its number.
+    /// Index of each node among them, by its number.
     index: HashMap<u16, usize>,
     consoles: Vec<Console>,
-    /// Where each coordinator's is among them, by its number.
+    /// Index of each coordinator's console among them, by its number.
     console_index: HashMap<u16, usize>,
     further: further::Further,
     attacker: attack::Attacker,
     chips: Option<Rc<Pool>>,
     stop: Arc<AtomicBool>,
-    /// Until the run begins.
+    /// Set until the run begins.
     pcap: Option<Box<dyn Write>>,
     trouble: Trouble,
-    /// How well each network tracked objects.
+    /// Tracking of objects by each network.
     tracking: Vec<Tracking>,
 }
 
-/// Why emulated boards cannot go on, once that is so.
+/// Reason why emulated boards cannot go on, once they cannot.
 type Trouble = Rc<RefCell<Option<EmulatorError>>>;
 
 impl Simulation {
@@ -275,7 +275,7 @@ impl Simulation {
     }
 
     /// Puts a real camera on a serial port in the place of a node's simulated one, before anything
-    /// has run. From then on time passes as it really does.
+    /// has run. From then on time passes in real time.
     ///
     /// # Errors
     /// There is no such camera, or the port cannot be opened.
@@ -309,8 +309,8 @@ impl Simulation {
     }
 
     /// Connects a terminal to the line of a network's coordinator, before anything has run; networks
-    /// are counted from 1. What the coordinator tells its PC comes out of it, and what is typed goes
-    /// to the coordinator. Unless a speed was given, time passes as it really does from then on.
+    /// are counted from 1. It shows the coordinator's messages to its PC, and typed bytes go to the
+    /// coordinator. Unless a speed was given, time passes in real time from then on.
     ///
     /// # Errors
     /// There is no such network.
@@ -341,7 +341,7 @@ impl Simulation {
         self.run_watched(6 * SECOND, progress, |_| ())
     }
 
-    /// As [`run`](Self::run), and lets somebody look on this often, in nanoseconds, who may also
+    /// As [`run`](Self::run), and calls `look` this often, in nanoseconds; it may also
     /// [do](Self::act) something.
     ///
     /// # Panics
@@ -391,7 +391,7 @@ impl Simulation {
         outcome::record(self, begun.elapsed().as_secs_f64())
     }
 
-    /// Runs until a time or a condition; somebody looks on now and then, and at the end.
+    /// Runs until a time or a condition; calls `look` now and then, and at the end.
     fn run_looking(
         &mut self,
         end: Time,
@@ -409,8 +409,8 @@ impl Simulation {
         }
     }
 
-    /// Runs until a time or a condition. What chips have written in their flash is read at instants that do not
-    /// depend on either, so that it does not matter who looks on, and how often.
+    /// Runs until a time or a condition. The flash of chips is read at instants that depend on neither, so that
+    /// an onlooker's looks change nothing.
     fn run_until(&mut self, end: Time, condition: &dyn Fn() -> bool) {
         loop {
             let now = self.executor.clock().time();
@@ -433,7 +433,7 @@ impl Simulation {
         }
     }
 
-    /// What chips have written in their flash is known now.
+    /// Reads the flash of all chips.
     fn look_into_chips(&self) {
         if let Some(chips) = &self.chips
             && chips.look()
@@ -442,28 +442,28 @@ impl Simulation {
         }
     }
 
-    /// How far the time is, seconds.
+    /// Simulated time, seconds.
     pub fn seconds(&self) -> f64 {
         self.executor.clock().time() as f64 * 1e-9
     }
 
-    /// Why emulated boards could not go on, if that is so: the record is of what was before.
+    /// Reason why emulated boards could not go on, if so: the record ends before that.
     pub fn trouble(&self) -> Option<EmulatorError> {
         self.trouble.take()
     }
 
-    /// What a node was configured to.
+    /// Configuration of a node.
     pub fn config(&self, id: u16) -> Option<&CheckedConfig> {
         self.node(id).map(|node| node.config())
     }
 
-    /// What an emulated board's role has written down, in the order of its records. Nothing of
+    /// Facts that an emulated board's role has written down, in the order of its records. Empty for
     /// other nodes.
     pub fn memory(&self, id: u16) -> Vec<Fact> {
         self.node(id).map(|node| node.memory()).unwrap_or_default()
     }
 
-    /// What is known of emulated chips since they last had power, by their nodes' numbers, once the simulation
+    /// Summary of emulated chips since they last had power, by their nodes' numbers, once the simulation
     /// has run.
     pub fn chips(&self) -> BTreeMap<u16, outside::End> {
         let nodes = self.nodes.iter();
@@ -472,19 +472,19 @@ impl Simulation {
             .collect()
     }
 
-    /// What cameras last told their coordinators, by their numbers.
+    /// Last reports of cameras to their coordinators, by the cameras' numbers.
     pub fn reports(&self) -> BTreeMap<u16, Report> {
         let cameras = self.nodes.iter().map(|node| node.id());
         cameras.filter_map(|id| self.report(id)).collect()
     }
 
-    /// The same of those of which something was told since this was asked last.
+    /// The same, but only of cameras of which something was told since the last call.
     pub fn new_reports(&self) -> BTreeMap<u16, Report> {
         let told = self.journal.borrow_mut().take_told();
         told.into_iter().filter_map(|id| self.report(id)).collect()
     }
 
-    /// Of coordinators that tell of the same camera, the first one's.
+    /// The first coordinator's report, if several tell of the same camera.
     fn report(&self, id: u16) -> Option<(u16, Report)> {
         let journal = self.journal.borrow();
         let consoles = { journal.tellers(id) }.filter_map(|id| self.console_index.get(&id));
@@ -495,7 +495,7 @@ impl Simulation {
         Some((id, report))
     }
 
-    /// No walk takes longer than all its patience, and all rests.
+    /// Limit of the run: no walk takes longer than all its patience, and all rests.
     fn limit(&self) -> Time {
         let rests = self.scenario.events.iter().map(|event| match event.action {
             Action::Rest { for_s, .. } => events::nanoseconds(for_s),
@@ -511,7 +511,7 @@ impl Simulation {
         longest.max().unwrap_or_default() + rests
     }
 
-    /// How long a walk may take at most.
+    /// Longest time that a walk may take.
     fn patience(&self, stops: &[Point2<f64>]) -> Time {
         let walk = &self.scenario.walk;
         let way: f64 = { stops.windows(2) }
@@ -521,7 +521,7 @@ impl Simulation {
         (seconds * 1e9) as Time + 120 * SECOND
     }
 
-    /// How many stops targets were led to after those of their way.
+    /// Number of stops to which targets were led after those of their way.
     pub fn further_stops(&self) -> usize {
         self.further.made()
     }
@@ -556,7 +556,7 @@ impl Simulation {
         self.nodes.get(*self.index.get(&id)?)
     }
 
-    /// What became known of a node.
+    /// Knowledge about a node.
     fn entry(&self, id: u16) -> Ref<'_, NodeEntry> {
         Ref::map(self.journal.borrow(), |journal| journal.entry(id))
     }
@@ -565,7 +565,7 @@ impl Simulation {
 /// The index of the simulation's key.
 const KEY_INDEX: u8 = 1;
 
-/// The simulation's own site key, drawn from its seed: no key of anybody's site.
+/// The simulation's own site key, drawn from its seed: it is no real site's key.
 fn secret(root: Root) -> [u8; 16] {
     let mut secret = [0; 16];
     root.stream("site key", 0).fill_bytes(&mut secret);
@@ -582,7 +582,7 @@ fn propagation(scenario: &Scenario) -> Propagation {
         } => {
             let (metres, unit_metres) = (LogDistance::default(), scenario.metres_per_unit());
             Propagation::LogDistance(LogDistance {
-                // The loss at one metre, told for one unit.
+                // The loss at one metre, converted to one unit.
                 loss_at_one: metres.loss_at_one + 10.0 * exponent * unit_metres.log10(),
                 exponent,
                 shadowing: shadowing_db,
@@ -593,7 +593,7 @@ fn propagation(scenario: &Scenario) -> Propagation {
     }
 }
 
-/// Where a radio is.
+/// Position of a radio.
 fn antenna(place: Point2<f64>) -> [f64; 2] {
     place.into()
 }

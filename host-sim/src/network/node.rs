@@ -45,30 +45,30 @@ use virtual_bench::{
     random::Root,
 };
 
-/// What an nRF52840 has for the link, and for the role.
+/// Flash of an nRF52840 for the link, and for the role.
 const LINK: u32 = NRF52840_FLASH.layout.link.end - NRF52840_FLASH.layout.link.start;
 const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
-/// A board that failed restarts after this.
+/// Time after which a board that failed restarts.
 const RESTART: Time = 1_000_000_000;
 
-/// How often the watchdog looks: more often would only cost time.
+/// Period of the watchdog: a shorter one would only cost time.
 const WATCHDOG: Time = 30_000_000_000;
 
-/// What cameras see where nothing else is: a grey wall.
+/// Colour that cameras see where nothing else is: a grey wall.
 const BACKDROP: Rgb = [110; 3];
 
-/// Tells where a target really is.
+/// Returns the true place of a target.
 type Whereabouts = Box<dyn Fn() -> Point2<f64>>;
 
-/// Steps that a sensor keeps while the node is busy.
+/// Number of steps that a sensor keeps while the node is busy.
 const STEPS: usize = 64;
 
-/// What a target's sensor and lamps are connected to.
+/// The far ends of a target's sensor and lamps.
 pub(super) struct Panel {
-    /// What the lamps show.
+    /// State of the lamps.
     pub(super) shown: Cell<Indication>,
-    /// They changed.
+    /// The lamps have changed.
     pub(super) changed: Signal<NoopRawMutex, ()>,
     /// Steps on their way from the sensor.
     pub(super) steps: Queue<NoopRawMutex, Step<f32>, STEPS>,
@@ -83,16 +83,16 @@ impl Panel {
     }
 }
 
-/// What a camera looks at.
+/// View of a camera.
 struct Outlook {
     world: SharedWorld,
     index: usize,
-    /// What it saw when it began to stick.
+    /// View at the time when the camera began to stick.
     stuck: Rc<RefCell<Option<View>>>,
-    /// The faults that it has always, and those that it is to have.
+    /// Its usual faults, and those that it is to have.
     usual: FaultRates,
     faults: Rc<Cell<FaultRates>>,
-    /// In the place of the world.
+    /// Video in the place of the world.
     video: Rc<RefCell<Option<Video>>>,
 }
 
@@ -125,25 +125,25 @@ impl Buttons for PushButtons {
     }
 }
 
-/// What comes to a node from outside, several times at once perhaps.
+/// Disturbances of a node from outside, perhaps several at once.
 #[derive(Default)]
 struct Adversity {
     /// Power cuts under way.
     cuts: Cell<usize>,
-    /// So often the plug of its line was pulled and not put back yet.
+    /// Number of times that the plug of its line was pulled and not put back yet.
     pulls: Cell<usize>,
-    /// So often its camera was made to stick and not freed yet.
+    /// Number of times that its camera was made to stick and not freed yet.
     sticks: Cell<usize>,
-    /// What its step sensor says too much of distances (a share) and headings (radians), each for
+    /// Errors that its step sensor adds to distances (a share) and headings (radians), each for
     /// as long as it is in the list.
     slips: RefCell<Vec<[f64; 2]>>,
-    /// So often its carrier was told to rest and not to go on yet.
+    /// Number of times that its carrier was told to rest and not to go on yet.
     rests: Cell<usize>,
-    /// How long its carrier stands without heeding the lamp, each for as long as it is in the list.
+    /// Times that its carrier stands without heeding the lamp, each for as long as it is in the list.
     hurries: RefCell<Vec<Time>>,
 }
 
-/// One more, or one less.
+/// Counts one more, or one less.
 fn count(number: &Cell<usize>, is_more: bool) -> usize {
     let counted = match is_more {
         true => number.get() + 1,
@@ -153,7 +153,7 @@ fn count(number: &Cell<usize>, is_more: bool) -> usize {
     counted
 }
 
-/// A node's end of its line. An emulated chip has the buffers of its program, and waits for no other.
+/// A node's end of its line. An emulated chip has its program's own buffers, so the line waits for no other.
 fn uart(simulation: &Simulation, baud: u32) -> Uart {
     let usual = Uart::new(baud);
     let transmit_buffer = match simulation.chips {
@@ -174,27 +174,27 @@ pub(super) struct Node {
     medium: Medium,
     pub(super) antenna: NodeId,
     flash: Flash,
-    /// To the camera, or to the PC.
+    /// Line to the camera, or to the PC.
     pub(super) line: Line,
     pub(super) panel: Panel,
-    /// A camera's.
+    /// View of a camera node.
     outlook: Option<Outlook>,
     journal: SharedJournal,
     truth: RefCell<Option<Whereabouts>>,
     root: Root,
     starts: Cell<u64>,
     task: Cell<Option<TaskId>>,
-    /// Somebody has switched it on.
+    /// It has been switched on.
     is_on: Cell<bool>,
     adversity: Adversity,
-    /// A real camera in the place of what is on the line.
+    /// A real camera in the place of the one on the line.
     real: RefCell<Option<Serial>>,
-    /// What runs the firmware, if not this program.
+    /// Emulated board that runs the firmware, if not this program.
     board: Option<Rc<chips::Board>>,
     trouble: Trouble,
 }
 
-/// In this program, not on an emulated board.
+/// The hardware of a node whose firmware runs in this program, not on an emulated board.
 impl Hardware for Node {
     type Uart = Device;
     type Radio = Csma<Radio, Clock>;
@@ -290,7 +290,7 @@ impl Node {
         let scene = move |now: Time, scene: &mut Scene| {
             scene.light = light.get();
             if let Some(video) = &mut *video.borrow_mut() {
-                // What cannot be read is not seen: the last picture stays.
+                // A picture that cannot be read is not seen: the last one stays.
                 if let Ok(picture) = video.at(now as f64 * 1e-9) {
                     scene.background = Background::Picture(picture);
                 }
@@ -359,17 +359,17 @@ impl Node {
         self.config.id
     }
 
-    /// Whether it is a target.
+    /// Returns true if it is a target.
     pub(super) fn is_target(&self) -> bool {
         matches!(self.config.role, RoleConfig::Target(_))
     }
 
-    /// What the medium counts of it.
+    /// The medium, with its counts of this node.
     pub(super) fn medium(&self) -> &Medium {
         &self.medium
     }
 
-    /// Bits of its flash flip.
+    /// Flips bits of its flash.
     pub(super) fn rot(&self, bits: u32, mut random: impl Rng) {
         match self.chip() {
             Some(chip) => chip.rot(bits, &mut random),
@@ -383,7 +383,7 @@ impl Node {
         }
     }
 
-    /// Somebody presses one of its buttons.
+    /// Presses one of its buttons.
     pub(super) fn press(&self, button: Button) {
         match self.chip() {
             Some(chip) => chip.press(&self.clock, button),
@@ -392,7 +392,7 @@ impl Node {
         }
     }
 
-    /// Its flash keeps what it holds from now on.
+    /// Its flash keeps its present contents from now on.
     pub(super) fn wear_out(&self) {
         match self.chip() {
             Some(chip) => chip.wear_out(),
@@ -400,7 +400,7 @@ impl Node {
         }
     }
 
-    /// What jams the channel at its place is so until a time, or until this is asked again.
+    /// Tells its chip which channels are jammed at its place, until a time or the next call.
     pub(super) fn hears_jam(&self, until: Time) {
         if let Some(chip) = self.chip() {
             chip.jam(until, &self.medium.jammed(self.antenna));
@@ -411,7 +411,7 @@ impl Node {
         self.board.as_deref()
     }
 
-    /// Of the page of its flash that was erased most; unknown of an emulated board.
+    /// Erasures of the page of its flash that was erased most; unknown of an emulated board.
     pub(super) fn page_erasures(&self) -> Option<u32> {
         match self.board {
             Some(_) => None,
@@ -419,19 +419,19 @@ impl Node {
         }
     }
 
-    /// Whether its firmware runs on an emulated board.
+    /// Returns true if its firmware runs on an emulated board.
     pub(super) fn is_emulated(&self) -> bool {
         self.board.is_some()
     }
 
-    /// A line of the log about it.
+    /// Writes a line of the log about it.
     pub(super) fn note(&self, what: &str) {
         let mut journal = self.journal.borrow_mut();
         journal.note(self.config.id, format_args!("{what}"));
         journal.moment(self.config.id, || Moment::Said(what.to_owned()));
     }
 
-    /// A step was made. A node that is off misses it.
+    /// Makes a step. A node that is off misses it.
     pub(super) fn step(&self, mut step: Step<f32>) {
         let is_on = self.task.get().is_some();
         if is_on {
@@ -446,8 +446,8 @@ impl Node {
         }
     }
 
-    /// Its step sensor says too much of distances, by a share, and of headings, by radians; or no
-    /// longer does so.
+    /// Adds an error to its step sensor: a share to distances, and radians to headings; or takes it
+    /// away again.
     pub(super) fn slip(&self, error: [f64; 2], slips: bool) {
         let mut under_way = self.adversity.slips.borrow_mut();
         match (slips, under_way.iter().position(|one| *one == error)) {
@@ -457,7 +457,7 @@ impl Node {
         }
     }
 
-    /// What its carrier makes of the lamp.
+    /// Its carrier's attitude to the lamp.
     pub(super) fn mood(&self) -> Mood {
         let shortest = self.adversity.hurries.borrow().iter().min().copied();
         match (self.adversity.rests.get(), shortest) {
@@ -467,13 +467,13 @@ impl Node {
         }
     }
 
-    /// Its carrier rests, or goes on.
+    /// Has its carrier rest, or go on.
     pub(super) fn rest(&self, rests: bool) {
         count(&self.adversity.rests, rests);
         self.panel.changed.signal(());
     }
 
-    /// Its carrier stands no longer than this at a stop, or heeds the lamp again.
+    /// Has its carrier stand no longer than this at a stop, or heed the lamp again.
     pub(super) fn hurry(&self, stand: Time, hurries: bool) {
         let mut under_way = self.adversity.hurries.borrow_mut();
         match (hurries, under_way.iter().position(|one| *one == stand)) {
@@ -484,7 +484,7 @@ impl Node {
         self.panel.changed.signal(());
     }
 
-    /// Somebody moves its camera and turns it, radians.
+    /// Moves its camera and turns it, radians.
     pub(super) fn bump_camera(&self, by: Vector2<f64>, turn: f64) {
         if let Some(outlook) = &self.outlook {
             let mut world = outlook.world.borrow_mut();
@@ -495,19 +495,19 @@ impl Node {
         }
     }
 
-    /// Its camera has other faults, or the usual ones.
+    /// Gives its camera other faults, or the usual ones.
     pub(super) fn camera_faults(&self, rates: Option<FaultRates>) {
         if let Some(outlook) = &self.outlook {
             outlook.faults.set(rates.unwrap_or(outlook.usual));
         }
     }
 
-    /// Its camera goes on seeing what it sees now, or does not do so any more.
+    /// Has its camera go on seeing its present view, or frees it again.
     pub(super) fn stick_camera(&self, sticks: bool) {
         let Some(outlook) = &self.outlook else {
             return;
         };
-        // One that sticks already goes on seeing the same.
+        // A camera that sticks already goes on seeing the same.
         match (sticks, count(&self.adversity.sticks, sticks)) {
             (true, 1) => {
                 let view = outlook.world.borrow().look(outlook.index);
@@ -518,27 +518,27 @@ impl Node {
         }
     }
 
-    /// Somebody pulls the plug of its line.
+    /// Pulls the plug of its line.
     pub(super) fn unplug(&self, with_power: bool) {
         count(&self.adversity.pulls, true);
         self.line.unplug(with_power);
     }
 
-    /// Somebody puts the plug back, after as many as have pulled it.
+    /// Puts the plug back; the line is connected once all pulls are undone.
     pub(super) fn plug(&self) {
         if count(&self.adversity.pulls, false) == 0 {
             self.line.plug();
         }
     }
 
-    /// It and its camera lose their power.
+    /// Takes the power of it and its camera.
     pub(super) fn lose_power(&self) {
         count(&self.adversity.cuts, true);
         self.stop();
         self.unplug(true);
     }
 
-    /// A power cut is over.
+    /// Ends a power cut.
     pub(super) fn regain_power(self: &Rc<Self>) {
         count(&self.adversity.cuts, false);
         self.plug();
@@ -569,7 +569,7 @@ impl Node {
         }
     }
 
-    /// Stops the firmware where it is. Flash and what is connected stay.
+    /// Stops the firmware at any point. Flash and connected devices stay.
     fn stop(&self) {
         if let Some(task) = self.task.take() {
             self.spawner.kill(task);
@@ -579,19 +579,19 @@ impl Node {
         }
     }
 
-    /// Its camera sees this instead of the world, from time 0 on.
+    /// Shows its camera this video instead of the world, from time 0 on.
     pub(super) fn show(&self, video: Video) {
         if let Some(outlook) = &self.outlook {
             outlook.video.replace(Some(video));
         }
     }
 
-    /// Has a real camera from its next start on.
+    /// Gives it a real camera from its next start on.
     pub(super) fn connect(&self, port: Serial) {
         self.real.replace(Some(port));
     }
 
-    /// What is on its UART.
+    /// Device on its UART.
     fn device(&self) -> Device {
         let line = || Device::Line(self.line.open(Side::Node));
         match &*self.real.borrow() {
@@ -610,7 +610,7 @@ impl Node {
         self.root.seed("node", id << 32 | start)
     }
 
-    /// On an emulated board.
+    /// Runs it on an emulated board.
     async fn emulated(self: Rc<Self>) {
         let Some(board) = &self.board else {
             return;
@@ -632,7 +632,7 @@ impl Node {
         &self.config
     }
 
-    /// The extended address that it has drawn, and keeps in its flash.
+    /// The extended address that it has drawn and keeps in its flash.
     pub(super) fn extended(&self) -> Option<Eui64> {
         match &self.board {
             Some(board) => board.extended(&self.clock),
@@ -643,13 +643,13 @@ impl Node {
         }
     }
 
-    /// What an emulated board has written down.
+    /// Facts that an emulated board has written down.
     pub(super) fn memory(&self) -> Vec<Fact> {
         let board = self.board.as_ref();
         board.map_or_else(Vec::new, |board| board.facts(&self.clock))
     }
 
-    /// Waits until it works on its flash: how long that takes.
+    /// Waits until it works on its flash; returns how long that takes.
     pub(super) async fn next_write(&self) -> Time {
         match &self.board {
             Some(board) => board.next_write().await,
@@ -657,12 +657,12 @@ impl Node {
         }
     }
 
-    /// What is known of its emulated chip, once the simulation has ended.
+    /// Summary of its emulated chip, once the simulation has ended.
     pub(super) fn end(&self) -> Option<chips::outside::End> {
         Some(self.board.as_ref()?.end())
     }
 
-    /// Puts into the journal what nobody has seen an emulated board write down.
+    /// Puts into the journal the new facts that an emulated board has written down.
     pub(super) fn read_memory(&self) {
         let memory = self.memory();
         let mut journal = self.journal.borrow_mut();
@@ -672,7 +672,7 @@ impl Node {
         }
     }
 
-    /// The watchdog: why it restarts the node.
+    /// The watchdog: returns the reason why it restarts the node.
     async fn watch(&self, liveness: &Liveness) -> Restart {
         loop {
             self.clock.sleep(WATCHDOG).await;

@@ -20,47 +20,47 @@ use site::{
 };
 use virtual_bench::{executor::Time, random::Root};
 
-/// How often objects move: less than a frame of any camera.
+/// Period with which objects move: less than a frame of any camera.
 const MOVES: Time = SECOND / 50;
-/// How often tracks are compared with the truth.
+/// Period with which tracks are compared with the truth.
 const SAMPLES: Time = SECOND / 10;
-/// A camera is told to track so long after the one before.
+/// Time between the orders to track of two cameras.
 const ORDERS: Time = SECOND / 5;
-/// After all were told, until objects are known.
+/// Time from the last order until objects are known.
 const SETTLES: Time = 5 * SECOND;
-/// Where carriers are when they have gone.
+/// Place of carriers after they have gone.
 const AWAY: Point2<f64> = Point2::new(1e6, 1e6);
-/// A camera that has said nothing for so long is told again.
+/// Silence after which a camera is told again.
 const SILENCE: Duration = Duration::from_secs(5);
-/// Objects are drawn where the scenario has none.
+/// Number of objects that are drawn where the scenario has none.
 const DRAWN: u64 = 2;
-/// They keep so far from walls, besides their radius, metres.
+/// Distance that they keep from walls, besides their radius, metres.
 const CLEARANCE: f64 = 0.3;
-/// Tries to find a place to go to.
+/// Number of tries to find a place to go to.
 const TRIES: usize = 1_000;
 /// The colour that all cameras have learnt.
 const COLOUR: u8 = 0;
 
-/// Something that walks about.
+/// An object that walks about.
 struct Walker {
     index: usize,
     place: Point2<f64>,
     goal: Point2<f64>,
-    /// Units a second.
+    /// Speed, units a second.
     speed: f64,
     next: Next,
 }
 
-/// Where it goes when it is there.
+/// Its next goal.
 enum Next {
-    /// Along these, to and fro.
+    /// Along these places, to and fro.
     Path(Vec<Point2<f64>>, usize),
-    /// Straight to a place in view of two cameras, so far from walls on the way.
+    /// Straight to a place in view of two cameras, with this distance from walls on the way.
     Anywhere(f64, Box<ChaCha8Rng>),
 }
 
 impl Walker {
-    /// Of the scenario.
+    /// An object of the scenario.
     fn on_path(object: &MovingObject) -> Option<Self> {
         let place = *object.path.first()?;
         Some(Self {
@@ -72,7 +72,7 @@ impl Walker {
         })
     }
 
-    /// Like the first target. Begins in view of two cameras, if there is such a place.
+    /// An object like the first target. It begins in view of two cameras, if there is such a place.
     fn drawn(
         world: &mut World,
         speed: f64,
@@ -93,7 +93,7 @@ impl Walker {
         })
     }
 
-    /// Goes on for so long. If it went on in another direction, since when.
+    /// Goes on for so long. Returns the new leg if the object has changed its direction.
     fn walk(&mut self, world: &mut World, now: Time, seconds: f64) -> Option<Leg> {
         let mut far = self.speed * seconds;
         let mut leg = None;
@@ -144,38 +144,38 @@ impl Walker {
     }
 }
 
-/// A row of what the coordinators told of objects while they were tracked, beside the truth.
+/// A row of the coordinators' messages about objects while they were tracked, beside the truth.
 #[derive(Clone, Copy, Debug)]
 pub struct TrackRow {
-    /// When.
+    /// Time of the message.
     pub seconds: f64,
-    /// Of which network, from 1, in whose frame places are.
+    /// Number of the network, from 1, in whose frame places are.
     pub network: u16,
     /// The number of the track.
     pub track: u16,
-    /// What was told; `None`: it is gone.
+    /// The object as it was told; `None`: it is gone.
     pub told: Option<TrackedObject>,
-    /// Which object it is of, from 1, and where that really is.
+    /// Number of the object, from 1, and its true place.
     pub truth: Option<(usize, Point2<f64>)>,
 }
 
-/// What came of tracking.
+/// Result of tracking.
 #[derive(Debug)]
 pub struct TrackingRun {
-    /// The record, with how well each network tracked.
+    /// The record, with each network's tracking.
     pub record: RunRecord,
-    /// All that was told.
+    /// All messages.
     pub rows: Vec<TrackRow>,
-    /// Of each network, why it did not go better.
+    /// Reasons why it did not go better, by network.
     pub causes: Vec<Causes>,
 }
 
-/// The objects that walk about, and what was told of them.
+/// The objects that walk about, and the messages about them.
 struct Course {
     walkers: Vec<Walker>,
     scores: Vec<Score>,
     rows: Vec<TrackRow>,
-    /// When which camera was told to track.
+    /// Time at which each camera was told to track.
     asked: BTreeMap<u16, Duration>,
 }
 
@@ -192,7 +192,7 @@ impl Course {
     }
 }
 
-/// Between the cameras.
+/// A random place between the cameras.
 fn somewhere(world: &World, random: &mut impl Rng) -> Point2<f64> {
     let (mut low, mut high) = (Point2::origin(), Point2::origin());
     for (number, camera) in world.cameras().iter().enumerate() {
@@ -214,9 +214,9 @@ fn is_seen(world: &World, place: Point2<f64>, radius: f64) -> bool {
 }
 
 impl Simulation {
-    /// After a run that somebody may [give orders](Self::take_orders) in: all carriers go away with their
-    /// targets, the objects of the scenario walk about, or two drawn ones like its first target, and all cameras
-    /// are told to track. How well that goes is in the record from then on. `look` as in
+    /// Tracks objects after a run that [takes orders](Self::take_orders): all carriers go away with their targets,
+    /// the objects of the scenario walk about, or two drawn ones like its first target, and all cameras are told
+    /// to track. From then on the record has the quality of tracking. `look` as in
     /// [`run_watched`](Self::run_watched). `None`: no object has a place to be at.
     pub fn track(
         &mut self,
@@ -284,7 +284,7 @@ impl Simulation {
         walkers
     }
 
-    /// Tells the next camera to track that does not.
+    /// Tells the next camera that does not track to do so.
     fn order_one(&self, asked: &mut BTreeMap<u16, Duration>) {
         let now = Duration::from_nanos(self.executor.clock().time());
         let is_quiet = |at: &Duration| now.saturating_sub(*at) >= SILENCE;
@@ -301,7 +301,7 @@ impl Simulation {
         }
     }
 
-    /// What was told, of each network, with the truth.
+    /// Takes in the messages of each network, with the truth.
     fn compare(&self, course: &mut Course, begin: Time, is_due: bool) {
         let now = Duration::from_nanos(self.executor.clock().time());
         let begin = Duration::from_nanos(begin);
@@ -374,8 +374,8 @@ impl Simulation {
     }
 }
 
-/// What a look of a camera tells of each object, in the world: the direction of that which really is nearest to
-/// it, unless there are several in the box; of all others in the box as much as an edge of it tells.
+/// Information of a camera's look about each object, in the world. For the object nearest to the direction seen:
+/// that direction, unless several are in the box. For all others in the box: as much as an edge of it tells.
 fn sights(camera: &Camera, tracked: &Tracked, walkers: &[Walker]) -> Vec<Option<Sight>> {
     let Some(seen) = tracked.seen else {
         return Vec::new();

@@ -17,10 +17,10 @@ use virtual_bench::{executor::Time, medium::Reason};
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;
 
-/// A camera answers within this time when a target has stopped.
+/// Time within which a camera answers when a target has stopped.
 const ANSWER: Time = 10_000_000_000;
 
-/// What the first camera was told.
+/// Limits that the first camera was told.
 fn limits(simulation: &Simulation) -> Limits {
     let mut cameras = simulation.nodes.iter().filter_map(|node| {
         let Configured::Camera(camera) = &node.config().role else {
@@ -108,7 +108,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             }
             let entry = simulation.entry(camera.id);
             let sightings = sightings(camera.id, &entry, console, &numbers);
-            // What a reference saw before it had its answer did not make the answer.
+            // A reference's sightings from before its solution are not part of that solution.
             if !sightings.is_empty() && !node.reference {
                 node.set_sightings(
                     sightings
@@ -169,7 +169,7 @@ pub(super) fn frame(simulation: &Simulation, network: &Network, console: &Consol
     simulation.site.frame(network, references(network, console))
 }
 
-/// Where a frame is in another one.
+/// Pose of a frame in another one.
 fn within(frame: &Frame, other: &Frame) -> Place {
     let origin = other.place(frame.origin);
     Place {
@@ -183,7 +183,7 @@ fn seconds(time: Time) -> f64 {
     time as f64 * 1e-9
 }
 
-/// Of a target and its own number of a stop: the number of that stop in the record.
+/// Number of a stop in the record, by its target and the target's own number of it.
 pub(super) type Numbers = BTreeMap<(u16, u16), u32>;
 
 /// A target's stops, counted from 1 in the order in which it told of them.
@@ -214,10 +214,10 @@ fn believed(place: &calib_core::dead_reckoning::Place<f32>) -> Believed {
     }
 }
 
-/// Whether a camera said nothing though a target asked it for itself: one that does not see the target
-/// says nothing unasked. Not known of one on an emulated board.
+/// Returns true if a camera said nothing though a target asked it for itself: a camera that does not see the
+/// target says nothing unasked. Returns false where this is not known, as for one on an emulated board.
 fn is_silent(simulation: &Simulation, network: &Network, node: &Node, entry: &NodeEntry) -> bool {
-    // Where a target was in several networks, an address is a camera's in each.
+    // Where a target was in several networks, the same address is a camera's in each of them.
     let index = usize::from(node.network - 1);
     let mut networks = simulation.site.networks.iter();
     let roams = networks.any(|other| other.home == Some(index));
@@ -234,7 +234,7 @@ fn arrivals(entry: &NodeEntry) -> impl Iterator<Item = Time> + '_ {
     entry.arrivals.iter().map(|(at, _)| *at)
 }
 
-/// Whether something of this happened after a node last said anything, and long enough ago.
+/// Returns true if one of these moments is after a node last said anything, and long enough ago.
 fn has_missed(
     simulation: &Simulation,
     entry: &NodeEntry,
@@ -247,7 +247,7 @@ fn has_missed(
         .is_some_and(|said| moments.any(|at| is_late(said, at)))
 }
 
-/// What a camera has counted, each with its target and stop.
+/// The sightings that a camera has counted, each with its target and stop.
 fn sightings(
     camera: u16,
     entry: &NodeEntry,
@@ -256,8 +256,8 @@ fn sightings(
 ) -> Vec<(u16, u32, Sighting<f64>)> {
     let kept = || entry.sightings.values();
     // The place that most of them share their errors with, as the camera chooses it: residuals are
-    // in units of the sigmas with which it weighs its sightings. A pose that a target has estimated
-    // together with all else is not made of these, and shares no errors with a place of then.
+    // in units of the sigmas with which it weighs its sightings. A joint estimate of a target is not
+    // made of these sightings, and shares no errors with a place of then.
     let view = console.view();
     let report = view.member(camera).and_then(|member| member.report);
     let is_joint = report.is_some_and(|report| report.joint.is_some());
@@ -285,7 +285,7 @@ fn sightings(
     sightings.collect()
 }
 
-/// The cameras that became the references, or else those that are meant to: places among the
+/// The cameras that became the references, or else those that are meant to: indices among the
 /// network's cameras.
 fn references(network: &Network, console: &Console) -> [usize; 2] {
     let has = |duty: Duty| {
@@ -302,7 +302,7 @@ fn references(network: &Network, console: &Console) -> [usize; 2] {
 }
 
 fn describe(node: &mut Node, simulation: &Simulation, frame: &Frame, camera: &CameraNode) {
-    // Where it stands in the end.
+    // Its place at the end.
     let world = simulation.world.borrow();
     let real = &world.cameras()[camera.index];
     let place = frame.place(real.place);
@@ -317,7 +317,7 @@ fn describe(node: &mut Node, simulation: &Simulation, frame: &Frame, camera: &Ca
     });
 }
 
-/// What a node sent, and what kept it from going on.
+/// Adds a node's traffic, and the failures that kept it from going on.
 fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
     let entry = simulation.entry(node.id);
     if let Some(said) = entry.said {
@@ -333,7 +333,7 @@ fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
         node.frames_sent = Some(counters.frames);
         node.bytes_sent = Some(counters.bytes + PHY_HEADER * counters.frames);
         node.page_erasures = hardware.page_erasures();
-        // Nobody sees what the machine code of a board hands to its link.
+        // The bytes that a board's machine code hands to its link cannot be seen.
         node.payload_bytes = (!hardware.is_emulated()).then_some(entry.payload_bytes);
     }
     node

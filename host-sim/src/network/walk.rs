@@ -21,14 +21,14 @@ use virtual_bench::{
     random::Root,
 };
 
-/// Whoever sets a network up does not wait longer for a node that does not appear.
+/// Longest time that the carrier waits for nodes that do not appear.
 const SET_UP_LIMIT: Time = 120 * SECOND;
 
-/// While a target walks, its radio follows in moves of this length: much less than the reach of a
+/// Length of the moves in which a target's radio follows while it walks: much less than the reach of a
 /// radio, and often enough.
 const ANTENNA_MOVES: f64 = 1.0;
 
-/// Where a target is to go once it has walked its way.
+/// Places to which a target is to go once it has walked its way.
 #[derive(Default)]
 pub(super) struct Orders {
     stops: RefCell<Vec<Point2<f64>>>,
@@ -44,7 +44,7 @@ impl Orders {
         }
     }
 
-    /// The next ones. There may never be any.
+    /// The next places. There may never be any.
     async fn taken(&self) -> Vec<Point2<f64>> {
         poll_fn(|context| {
             let stops = self.stops.take();
@@ -130,14 +130,14 @@ impl Walk {
             }
             let stops = self.orders.taken().await;
             self.walker.go_on(stops, self.clock.time());
-            // It goes on from the last of them.
+            // The target goes on from the last of them.
             let mut journal = self.journal.borrow_mut();
             journal.stops_ended -= 1;
             journal.walked -= 1;
         }
     }
 
-    /// To the last of its stops.
+    /// Walks to the last of its stops.
     async fn walk(&mut self) {
         let mut events = Vec::new();
         loop {

@@ -1,10 +1,10 @@
-//! What to check when the camera or its line fails.
+//! Advice on checks when the camera or its line fails.
 
 use cmucam2_driver::{Error, session::Fault};
 
 use super::port::PortError;
 
-/// What went wrong, and what to check, in the order in which it is usually the cause.
+/// Names the failure and the things to check, the likeliest cause first.
 pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     match error {
         Error::Uart(PortError::Interrupted) => "interrupted".to_owned(),
@@ -17,7 +17,7 @@ pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     }
 }
 
-/// When the camera answers no more after packets have come: it was set up, so it is something else.
+/// Advice when the camera stops answering after packets have come: its set-up was right, so it is another cause.
 pub fn fell_silent(packets: u64) -> String {
     let plural = if packets == 1 { "" } else { "s" };
     listed(
@@ -26,7 +26,7 @@ pub fn fell_silent(packets: u64) -> String {
     )
 }
 
-/// When all rates were tried in vain. `heard`: whether anything came.
+/// Advice when all rates were tried in vain. `heard`: true if any bytes came.
 pub fn no_baud_rate(heard: bool) -> String {
     if heard {
         listed(
@@ -40,7 +40,7 @@ pub fn no_baud_rate(heard: bool) -> String {
 
 const JUMPERS: &str = "do the camera's baud rate jumpers agree? `--baud auto` tries all";
 
-/// What makes a camera silent at every rate.
+/// Causes of silence at every rate.
 const SILENT: [&str; 4] = [
     "is this the right port?",
     "is the camera powered (6 to 15 V at its own connector) and its LED lit? It sometimes fails to \
@@ -51,7 +51,7 @@ const SILENT: [&str; 4] = [
      adapter on the 9-pin connector needs a level shifter",
 ];
 
-/// What makes nonsense of it.
+/// Causes of bytes without meaning.
 const GARBLED: [&str; 3] = [
     "is this the right port? Something answers, but not like a CMUcam2",
     "RS-232 levels on TTL pins, or the other way round, arrive upside down: use a level shifter",
@@ -64,13 +64,13 @@ const REFUSED: [&str; 2] = [
     "is it a CMUcam2? A CMUcam1 has other commands",
 ];
 
-/// What makes its answers other ones.
+/// Causes of answers to other commands.
 const UNEXPECTED: [&str; 2] = [
     "does another program use the same port? It takes answers away, and gets others",
     "is it a CMUcam2? Firmware of others answers some commands otherwise",
 ];
 
-/// What makes a camera silent that has worked.
+/// Causes of silence of a camera that has worked.
 const STOPPED: [&str; 3] = [
     "was a wire pulled, or is a connector loose? The camera's TX is the one that is missing",
     "does the supply hold (200 mA, more with servos)? It may hang after a short drop: switch it off \

@@ -1,13 +1,13 @@
-//! How well a learnt colour tells an object from what is behind it, and a window of colours that does it
-//! better.
+//! Judgement how well a learnt colour tells an object from its background, and a window of colours that does
+//! it better.
 //!
-//! How much of the background has a colour is found out as on a node:
-//! [`node_firmware::vision::background`]. Where that is more than nothing, the window is peeled as in the
+//! The share of the background that has a colour is found as on a node:
+//! [`node_firmware::vision::background`]. Where it is more than nothing, the window is peeled as in the
 //! patient rule induction method (J. H. Friedman and N. I. Fisher, "Bump hunting in high-dimensional
 //! data", Statistics and Computing 9, 1999): of its six faces, the one is moved inwards that takes away most
-//! of the background for a tenth of the object at most; then all is measured again. What is behind a
-//! face tell the camera's histograms of tracked pixels (`HT 1`, `GH`), once in the middle of the view
-//! and once around it.
+//! of the background for a tenth of the object at most; then all is measured again. The camera's histograms
+//! of tracked pixels (`HT 1`, `GH`) tell what is behind a face, once in the middle of the view and once
+//! around it.
 
 use cmucam2_driver::{
     Cmucam2, Command, Error, Packet,
@@ -20,16 +20,16 @@ use embedded_hal::delay::DelayNs;
 use embedded_io::{Read, ReadReady, Write};
 use node_firmware::vision::{BackgroundShare, background};
 
-/// How much of the object a step of peeling may cost.
+/// Share of the object that a step of peeling may cost at most.
 const PEELED: f64 = 0.1;
 
-/// How much of the background a step must take away.
+/// Share of the background that a step must take away at least.
 const WORTH: f64 = 0.03;
 
-/// What must be left of the object.
+/// Share of the object that must be left.
 const KEPT: f64 = 0.5;
 
-/// Each of the six faces twice.
+/// Number of steps: each of the six faces twice.
 const STEPS: usize = 12;
 
 const CHANNELS: [ColourChannel; 3] = [
@@ -38,12 +38,12 @@ const CHANNELS: [ColourChannel; 3] = [
     ColourChannel::Blue,
 ];
 
-/// What a colour is worth.
+/// Judgement of a colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
-    /// How much of the background has it.
+    /// Share of the background that has it.
     pub background: BackgroundShare,
-    /// A narrower window, where one is better.
+    /// A narrower window, if one is better.
     pub better: Option<Better>,
 }
 
@@ -52,7 +52,7 @@ pub struct Judged {
 pub struct Better {
     /// Its levels.
     pub bounds: ColourBounds,
-    /// How much of the background has it.
+    /// Share of the background that has it.
     pub background: BackgroundShare,
     /// The part of the object's pixels that it keeps, 0.5 to 1.
     pub kept: f64,
@@ -83,7 +83,7 @@ where
     };
     looks.camera.set(Command::PollMode(true)).wait()?;
     let judged = looks.judge(bounds);
-    // Also where that failed: whatever comes next is to see all.
+    // Also after a failure: the next command is to see the whole view.
     let camera = looks.camera;
     let back = [
         Command::VirtualWindow(None),
@@ -95,14 +95,14 @@ where
     back.into_iter().collect::<Result<(), _>>().map(|()| judged)
 }
 
-/// A camera, and where it looks.
+/// A camera, and the parts of its view.
 struct Looks<'a, U, D> {
     camera: &'a mut Cmucam2<U, D>,
     middle: Window,
     around: Vec<Window>,
 }
 
-/// What the parts of the view have of a colour, pixels.
+/// Pixels of a colour in the parts of the view.
 struct Counted {
     object: u32,
     around: Vec<u32>,
@@ -207,7 +207,7 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
         Ok(best.map(|(_, bounds)| bounds))
     }
 
-    /// How the tracked pixels of some windows are spread over the bins of a channel; together 1.
+    /// Distribution of the tracked pixels of some windows over the bins of a channel; the sum is 1.
     fn levels(
         &mut self,
         bounds: ColourBounds,
@@ -297,7 +297,7 @@ mod tests {
             .unwrap();
         assert_eq!(best.levels, [60, 111]);
         assert!((best.worth - 0.75).abs() < 1e-9);
-        // What costs the object more than a tenth is not done.
+        // A cut that costs the object more than a tenth is not made.
         assert!(
             cuts(&object, &object, (60, 140))
                 .iter()

@@ -1,4 +1,4 @@
-//! A packet as text or JSON, and how a stream went.
+//! A packet as text or JSON, and the summary of a stream.
 
 use std::{fmt, time::Duration};
 
@@ -10,14 +10,14 @@ use super::View;
 /// Characters from left to right of the view in [`Screen`]. Odd, so that there is a middle.
 const STRIP: usize = 25;
 
-/// What a packet says, with columns and rows counted from 0.
+/// Content of a packet, with columns and rows counted from 0.
 ///
-/// As JSON this is an interface: names and meaning stay. Everything but `seconds` is null when
-/// nothing is tracked; the last two are null without a camera, too, and where the blob is cut off by the
-/// left or right border: then its middle is not the middle of what is seen.
+/// As JSON this is an interface: names and meaning stay. Everything but `seconds` is null when nothing
+/// is tracked. The last two are also null without a camera, and where the left or right border cuts the
+/// blob off: then its middle is not the middle of the object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PacketLine {
-    /// Since the first packet was awaited.
+    /// Time since the first packet was awaited.
     pub seconds: f64,
     /// The middle of mass.
     pub column: Option<i16>,
@@ -44,7 +44,7 @@ pub struct PacketLine {
 impl PacketLine {
     /// The packet that came after so long.
     pub fn new(after: Duration, tracking: &Tracking, view: &View) -> Self {
-        // Milliseconds: finer is the serial port's jitter.
+        // Milliseconds: smaller times are the serial port's jitter.
         let seconds = after.as_millis() as f64 / 1e3;
         let middle = tracking.centroid();
         let found = tracking.bounding_box();
@@ -150,7 +150,7 @@ impl fmt::Display for Screen<'_> {
     }
 }
 
-/// What is suspicious about the first look with a colour, if anything.
+/// Describes a suspicious first look with a colour, if it is one.
 pub fn doubt(tracking: &Tracking, view: &View) -> Option<&'static str> {
     let Some(found) = tracking.bounding_box() else {
         return Some(
@@ -170,7 +170,7 @@ pub fn doubt(tracking: &Tracking, view: &View) -> Option<&'static str> {
     )
 }
 
-/// What happened while a stream ran.
+/// Counts while a stream runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
     packets: u64,
@@ -215,19 +215,19 @@ impl fmt::Display for Tally {
     }
 }
 
-/// The driver's counters of what went wrong.
+/// The driver's counters of failures.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counters {
-    /// What came and made no sense.
+    /// Bytes that came and made no sense.
     pub dropped: DroppedBytes,
     /// Commands that had to be repeated.
     pub retries: u16,
-    /// Restarts of the camera that nobody asked for.
+    /// Restarts of the camera that were not ordered.
     pub restarts: u16,
 }
 
 impl Counters {
-    /// As they are now.
+    /// The counters as they are now.
     pub fn of(session: &Session) -> Self {
         Self {
             dropped: *session.dropped(),
@@ -237,12 +237,12 @@ impl Counters {
     }
 }
 
-/// What went wrong on the line between two looks at the counters.
+/// Failures on the line between two looks at the counters.
 #[derive(Clone, Copy, Debug)]
 pub struct Garbled {
-    /// At the beginning.
+    /// Counters at the beginning.
     pub before: Counters,
-    /// At the end.
+    /// Counters at the end.
     pub after: Counters,
 }
 
@@ -343,7 +343,7 @@ mod tests {
             "O==.........:............ column   3  bearing  +21.09 +/- 0.14 deg  confidence 201  \
              pixels  20"
         );
-        // What is cut off has no middle.
+        // A blob that is cut off has no middle.
         assert!(!at(0, 1, 8).contains("bearing"));
         assert!(at(77, 87, 87).starts_with("............:........===O column  87"));
         assert_eq!(

@@ -1,16 +1,16 @@
-//! A CMUcam2 on a serial port of this computer: what `host-sim probe` is made of.
+//! A CMUcam2 on a serial port of this computer: the parts of `host-sim probe`.
 //!
 //! | module | job |
 //! |---|---|
 //! | [`port`] | The serial port as a UART of the driver; finds the baud rate. |
-//! | [`advice`] | What to check when something fails. |
-//! | [`colour`] | What a learnt colour is worth, and a better window. |
-//! | [`display`] | A packet as text or JSON, and how a stream went. |
+//! | [`advice`] | Advice on checks when something fails. |
+//! | [`colour`] | Judgement of a learnt colour, and a better window. |
+//! | [`display`] | A packet as text or JSON, and the summary of a stream. |
 //! | [`record`] | Sightings at known places, appended to a file for `host-sim solve`. |
 //! | [`picture`] | A frame of the camera as PNG. |
-//! | [`stranger`] | What is on the line, if it is no camera that answers. |
+//! | [`stranger`] | The device on the line, if it is no camera that answers. |
 //!
-//! When a blob stands still, and where, is judged as on a node: [`node_firmware::vision::steady`].
+//! [`node_firmware::vision::steady`] judges when a blob stands still, and where, as on a node.
 
 pub mod advice;
 pub mod colour;
@@ -27,7 +27,7 @@ use node_firmware::vision::{Blob, Grid, steady::Steady};
 /// The camera on a line.
 pub type Device = Cmucam2<port::Port, port::Clock>;
 
-/// How a sensor is called.
+/// Name of a sensor.
 pub fn sensor_name(sensor: Option<Sensor>) -> &'static str {
     match sensor {
         Some(Sensor::Ov6620) => "OV6620",
@@ -36,7 +36,7 @@ pub fn sensor_name(sensor: Option<Sensor>) -> &'static str {
     }
 }
 
-/// From the numbers of a packet to columns counted from 0, and to directions.
+/// Converts the numbers of a packet to columns counted from 0, and to directions.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     columns: u16,
@@ -44,7 +44,7 @@ pub struct View {
     camera: Option<Camera<f64>>,
 }
 
-/// In which direction something was seen, radians.
+/// Direction of an object, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bearing {
     /// Offset from the optical axis, positive to the left.
@@ -64,7 +64,7 @@ impl View {
         }
     }
 
-    /// How many columns there are.
+    /// Number of columns.
     pub fn columns(&self) -> u16 {
         self.columns
     }
@@ -74,7 +74,7 @@ impl View {
         self.first
     }
 
-    /// Whether directions are known.
+    /// Returns true if directions are known.
     pub fn has_camera(&self) -> bool {
         self.camera.is_some()
     }
@@ -85,12 +85,12 @@ impl View {
         i16::from(in_packet) - i16::from(self.first)
     }
 
-    /// What a packet shows, if it shows anything.
+    /// The blob of a packet, if there is one.
     pub fn blob(&self, tracking: &Tracking) -> Option<Blob> {
         Blob::from_tracking(tracking, Grid::pixels(self.first))
     }
 
-    /// Whether what a packet shows reaches the left or right border.
+    /// Returns true if the blob of a packet reaches the left or right border.
     pub fn is_clipped(&self, tracking: &Tracking) -> bool {
         let blob = self.blob(tracking);
         blob.is_some_and(|blob| blob.is_clipped(self.columns))

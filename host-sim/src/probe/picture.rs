@@ -15,7 +15,7 @@ const ROW: usize = 176 * 3;
 /// Bytes of a pixel.
 const CHANNELS: usize = 3;
 
-/// How often a pixel is repeated in its row of the PNG, because it is twice as wide as tall.
+/// Number of times that a pixel stands in its row of the PNG, because it is twice as wide as tall.
 const WIDTH_OF_PIXEL: usize = 2;
 
 /// A frame as it came.
@@ -23,7 +23,7 @@ const WIDTH_OF_PIXEL: usize = 2;
 pub struct Picture {
     width: usize,
     height: usize,
-    /// Row by row; what did not come is black.
+    /// Row by row; missing pixels are black.
     rgb: Vec<u8>,
     rows: usize,
     damaged: usize,

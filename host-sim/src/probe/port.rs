@@ -28,23 +28,23 @@ use super::{
 /// thesis's.
 pub const BAUD_RATES: [u32; 8] = [115_200, 38_400, 57_600, 19_200, 9_600, 4_800, 2_400, 1_200];
 
-/// For the slowest line: a command takes 0.3 s at 1200 baud.
+/// Sized for the slowest line: a command takes 0.3 s at 1200 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How long a camera has for its answers to the way out of raw mode: 17 characters at the slowest
-/// rate that a host uses before it, and as many back.
+/// Time for a camera's answers to the way out of raw mode: 17 characters at the slowest rate that a
+/// host uses before it, and as many back.
 const LEAVING: Duration = Duration::from_millis(300);
 
-/// How often a quiet line is looked at. The operating system keeps what comes in between.
+/// Period with which a quiet line is looked at. The operating system keeps the bytes that come in between.
 const POLL_US: u32 = 1_000;
 
-/// Silences after which something is wrong, longer than a board's: an adapter on USB holds bytes back, and so does
-/// a computer that is busy, where the camera is another program of it.
+/// Silences after which something is wrong, longer than a board's: an adapter on USB holds bytes back. So does
+/// a busy computer, where the camera is another program on it.
 const REPLY_US: u32 = 1_000_000;
 const DRAIN_US: u32 = 300_000;
 const SETTLE_US: u32 = 100_000;
 
-/// How often the stop sequence is repeated at each rate, round by round. The second round is for
+/// Number of times that the stop sequence is repeated at each rate, by round. The second round is for
 /// noisy lines, and for cameras that were just switched on and slept through the right rate.
 const SEARCH_RETRIES: [u8; 2] = [1, 3];
 
@@ -78,15 +78,15 @@ impl FromStr for Baud {
     }
 }
 
-/// Why a port cannot be used.
+/// Reason why a port cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// There is no such device.
     #[error("{path} does not exist: is the adapter plugged in? {}", list(.found))]
     Missing {
-        /// What was asked for.
+        /// The path that was asked for.
         path: String,
-        /// Serial ports that there are.
+        /// Serial ports of this computer.
         found: Vec<String>,
     },
     /// The user may not open it.
@@ -95,7 +95,7 @@ pub enum OpenError {
          `sudo usermod -aG dialout $USER`) and log in again"
     )]
     Forbidden {
-        /// What was asked for.
+        /// The path that was asked for.
         path: String,
     },
     /// Another program has it.
@@ -104,17 +104,17 @@ pub enum OpenError {
          (`fuser {path}` names it)"
     )]
     Busy {
-        /// What was asked for.
+        /// The path that was asked for.
         path: String,
     },
     /// Something else, such as a path that is no serial port.
     #[error("{path} cannot be used as a serial port: {reason}. {}", list(.found))]
     Unusable {
-        /// What was asked for.
+        /// The path that was asked for.
         path: String,
-        /// What the operating system says.
+        /// The operating system's answer.
         reason: String,
-        /// Serial ports that there are.
+        /// Serial ports of this computer.
         found: Vec<String>,
     },
 }
@@ -129,7 +129,7 @@ fn list(found: &[String]) -> String {
 
 /// The serial ports of this computer, as far as it tells.
 fn ports() -> Vec<String> {
-    // The library panics where this is missing, as in some containers.
+    // The library panics where this folder is missing, as in some containers.
     if cfg!(target_os = "linux") && !Path::new("/sys/class/tty").is_dir() {
         return Vec::new();
     }
@@ -158,7 +158,7 @@ impl Heard {
         }
     }
 
-    /// The oldest first.
+    /// These bytes, the oldest first.
     pub fn bytes(&self) -> Vec<u8> {
         let heard = self.0.lock();
         heard.map_or_else(|_| Vec::new(), |heard| heard.iter().copied().collect())
@@ -326,7 +326,7 @@ impl Port {
     fn leave_raw_modes(&mut self) -> Result<(), PortError> {
         self.send_all(b"\rRM\x01\x00\rRM 0\r\r")?;
         self.clock.sleep(LEAVING);
-        // What it answers belongs to none of the driver's commands.
+        // The answers belong to none of the driver's commands.
         self.patiently(|wire| wire.clear())
     }
 
@@ -342,7 +342,7 @@ impl Port {
         self.patiently(|wire| wire.set_baud_rate(rate))
     }
 
-    /// Whether anything comes within a while. It is dropped.
+    /// Returns true if any byte comes within a while. The bytes are dropped.
     fn is_busy(&mut self) -> Result<bool, PortError> {
         let begun = self.clock.now();
         while self.clock.now().saturating_sub(begun) < SILENT {
@@ -356,7 +356,7 @@ impl Port {
         Ok(false)
     }
 
-    /// Does it again when a signal has cut it short that does not mean Ctrl-C.
+    /// Repeats an operation that a signal other than Ctrl-C has cut short.
     fn patiently<T>(
         &mut self,
         mut call: impl FnMut(&mut dyn Wire) -> io::Result<T>,
@@ -408,10 +408,10 @@ impl fmt::Debug for Port {
     }
 }
 
-/// Why a port failed that was open.
+/// Reason why an open port failed.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// Somebody wants to stop.
+    /// The user wants to stop.
     #[error("interrupted")]
     Interrupted,
     /// The operating system's answer.
@@ -470,7 +470,7 @@ pub fn device(port: Port) -> Device {
 }
 
 /// Tells the camera to leave the raw modes, in which other programs leave it: it does not
-/// acknowledge commands then, or expects them in binary. What the driver knew of it is forgotten.
+/// acknowledge commands then, or expects them in binary. The driver's knowledge of it is dropped.
 ///
 /// # Errors
 /// Those of the port.
@@ -480,11 +480,11 @@ pub fn leave_raw_modes(camera: Device) -> Result<Device, PortError> {
     Ok(device(port))
 }
 
-/// How long a line must be without a byte to be called silent: twelve characters at 1200 baud, and the
+/// Time without a byte after which a line counts as silent: twelve characters at 1200 baud, and the
 /// pause between two packets of the slowest sensor setting.
 const SILENT: Duration = Duration::from_millis(300);
 
-/// A frame at 9600 baud takes 39 s.
+/// Limit for this: a frame at 9600 baud takes 39 s.
 const QUIETENED: Duration = Duration::from_secs(45);
 
 /// Has a camera that sends a stream or a frame end it, whatever its rate, and waits until the line is
@@ -502,7 +502,7 @@ pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError
         }
         if !was_busy {
             was_busy = true;
-            // So it is also ended if nobody waits for it.
+            // Sent at once, so that it also ends if the wait is cut short.
             for rate in BAUD_RATES {
                 port.set_baud_rate(rate)?;
                 port.send_all(b"\r")?;
@@ -516,28 +516,28 @@ pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError
     Ok(port)
 }
 
-/// What came of trying all rates.
+/// Result of trying all rates.
 #[derive(Debug)]
 pub enum Search {
     /// The camera answers at this rate.
     Found(Port, u32),
     /// Bytes came, but never those of a camera.
     Garbage,
-    /// Something else answers.
+    /// Another device answers.
     Stranger {
         /// At this rate.
         rate: u32,
-        /// What it said.
+        /// Its bytes.
         heard: Vec<u8>,
-        /// Who says that.
+        /// Kind of the device.
         who: Stranger,
     },
     /// Not one byte came.
     Silence,
 }
 
-/// Tries all of [`BAUD_RATES`] until the camera answers, and again if anything came; `trying` is
-/// told each.
+/// Tries all of [`BAUD_RATES`] until the camera answers, and again if any byte came; `trying` is
+/// called with each rate.
 ///
 /// # Errors
 /// Those of the port.
@@ -582,7 +582,7 @@ pub fn find_baud_rate(
             return Ok(Search::Silence);
         }
     }
-    // At a wrong rate anything may look like one of those that say little.
+    // At a wrong rate any device may look like one of those that say little.
     let says_little =
         |found: &Search| matches!(found, Search::Stranger { who, .. } if !who.is_certain());
     strangers.sort_by_key(says_little);

@@ -11,10 +11,10 @@ use serde::Serialize;
 
 use super::Bearing;
 
-/// A place from what a person types: two numbers with a comma, a semicolon or blanks between.
+/// Reads a place that a person types: two numbers with a comma, a semicolon or blanks between.
 ///
 /// # Errors
-/// What is expected instead.
+/// The expected form.
 pub fn place(text: &str) -> Result<(f64, f64), String> {
     let parts: Vec<&str> = text
         .split(|c: char| c == ',' || c == ';' || c.is_whitespace())
@@ -31,13 +31,13 @@ pub fn place(text: &str) -> Result<(f64, f64), String> {
 /// One row of a recording. As JSON this is an interface: names and meaning stay.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Row<'a> {
-    /// Whose sightings belong together: the camera.
+    /// Name of the camera: sightings of the same case belong together.
     pub case: &'a str,
-    /// Where the object stood.
+    /// Place where the object stood.
     pub target_x: f64,
     /// As `target_x`.
     pub target_y: f64,
-    /// Where it was seen, counted from 0 on the left.
+    /// Column in which it was seen, counted from 0 on the left.
     pub column: f64,
     /// Standard deviation of the direction, radians; `None` without a camera.
     pub sigma_rad: Option<f64>,
@@ -46,7 +46,7 @@ pub struct Row<'a> {
 /// A sighting that was recorded. As JSON this is an interface: names and meaning stay.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SightingLine<'a> {
-    /// What the file got.
+    /// The row that was written to the file.
     #[serde(flatten)]
     pub row: Row<'a>,
     /// Standard deviation of `column`.
@@ -62,7 +62,7 @@ pub struct SightingLine<'a> {
 }
 
 impl<'a> SightingLine<'a> {
-    /// The row with what it was made from.
+    /// The row with the data from which it was made.
     pub fn new(row: Row<'a>, steady: &Steady, bearing: Option<Bearing>) -> Self {
         Self {
             row,
@@ -78,13 +78,13 @@ impl<'a> SightingLine<'a> {
 /// Columns of a recording; the last one only where the camera's field of view is known.
 const COLUMNS: [&str; 5] = ["case", "target_x", "target_y", "column", "sigma_rad"];
 
-/// Why a sighting cannot be recorded.
+/// Reason why a sighting cannot be recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file cannot be opened, read or written.
     #[error("{} cannot be written: {error}", path.display())]
     Io {
-        /// Of the recording.
+        /// Path of the recording.
         path: PathBuf,
         /// The operating system's answer.
         error: io::Error,
@@ -95,11 +95,11 @@ pub enum RecordError {
         path.display(), hint(found, wanted)
     )]
     Columns {
-        /// Of the recording.
+        /// Path of the recording.
         path: PathBuf,
         /// Its first line.
         found: String,
-        /// What it must be.
+        /// The first line that it must have.
         wanted: String,
     },
     /// A name that does not fit into one line.
@@ -116,7 +116,7 @@ fn hint(found: &str, wanted: &str) -> &'static str {
     }
 }
 
-/// A file to which sightings are appended, one line each, so that what is there stays whatever
+/// A file to which sightings are appended, one line each, so that its contents stay whatever
 /// happens.
 #[derive(Debug)]
 pub struct Recording {
@@ -144,7 +144,7 @@ impl Recording {
             .open(path)
             .and_then(|file| match file.metadata()?.is_file() {
                 true => Ok(file),
-                // It may have no end, and its first line cannot be gone back to.
+                // Such a file may have no end, and its first line cannot be read again.
                 false => Err(io::Error::other("it is no regular file")),
             })
             .map_err(of_file)?;

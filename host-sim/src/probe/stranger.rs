@@ -1,21 +1,21 @@
-//! What is at the other end of the line, if it is no camera that answers: told by what it says.
+//! Recognition of a device on the line that is no camera, by its bytes.
 
 use std::fmt;
 
-/// How much of what was received is looked at, and shown.
+/// Number of received bytes that are looked at, and that are shown.
 pub const HEARD_MAX: usize = 256;
 const SHOWN_MAX: usize = 48;
 
-/// Something that is no CMUcam2 ready for commands.
+/// A device that is no CMUcam2 ready for commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stranger {
     /// Another camera of the family.
     OtherCamera,
-    /// It refuses whatever it is told.
+    /// A device that refuses every command.
     RefusesAll,
-    /// It answers with a prompt and nothing else.
+    /// A device that answers only with a prompt.
     Unacknowledged,
-    /// What is sent comes back.
+    /// Sent bytes come back.
     Echo,
     /// A GPS receiver that sends NMEA sentences.
     Nmea,
@@ -69,7 +69,7 @@ impl fmt::Display for Stranger {
 }
 
 impl Stranger {
-    /// Whether words told it that do not come by chance.
+    /// Returns true if it was recognised by words that do not come by chance.
     pub const fn is_certain(self) -> bool {
         !matches!(
             self,
@@ -78,7 +78,7 @@ impl Stranger {
     }
 }
 
-/// Who says this. `None`: nothing that is known; a wrong baud rate is likely.
+/// The device that sends this. `None`: it is not known; a wrong baud rate is likely.
 pub fn name(heard: &[u8]) -> Option<Stranger> {
     let has = |text: &str| {
         heard
@@ -135,8 +135,8 @@ fn is_text(byte: u8) -> bool {
     matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t')
 }
 
-/// The banner in what was received, if it is none of a CMUcam2 as it was sold: firmware that others have
-/// extended, or a CMUcam3 that plays one.
+/// The banner in the received bytes, if it is not that of a CMUcam2 as it was sold: extended firmware, or a
+/// CMUcam3 that plays a CMUcam2.
 pub fn kindred_banner(heard: &[u8]) -> Option<String> {
     let text = String::from_utf8_lossy(heard);
     let banner = text.get(text.rfind("CMUcam")?..)?;
@@ -144,7 +144,7 @@ pub fn kindred_banner(heard: &[u8]) -> Option<String> {
     (!banner.starts_with("CMUcam2 v1.0")).then(|| banner.to_owned())
 }
 
-/// What was received, to be shown: the first bytes of it.
+/// The first received bytes in a form to be shown.
 pub fn shown(heard: &[u8]) -> String {
     let shown = &heard[..heard.len().min(SHOWN_MAX)];
     let more = if heard.len() > SHOWN_MAX { "..." } else { "" };

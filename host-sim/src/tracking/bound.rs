@@ -1,33 +1,34 @@
-//! What can be known at best of where an object is that walks straight and turns at once.
+//! Best possible knowledge of the place of an object that walks straight and turns at once.
 //!
-//! The bound of Cramer and Rao for what changes with time (Van Trees: Detection, Estimation, and Modulation
-//! Theory I, 1968, 2.4; Tichavsky, Muravchik, Nehorai: Posterior Cramer-Rao bounds for discrete-time nonlinear
-//! filtering, 1998), for the process that the walk really is and not for a tracker's model of it. Whoever is
-//! measured by it knows what no tracker knows: which look shows which object, all cameras' poses and the
-//! radius exactly, how fast the object walks, when it turns, and roughly where to. Only where exactly it goes then
-//! has to be seen. To know more can only make errors smaller, so that a tracker cannot undercut it but by chance.
+//! The bound of Cramer and Rao for a state that changes with time (Van Trees: Detection, Estimation, and
+//! Modulation Theory I, 1968, 2.4; Tichavsky, Muravchik, Nehorai: Posterior Cramer-Rao bounds for
+//! discrete-time nonlinear filtering, 1998), for the true process of the walk and not for a tracker's model
+//! of it. The bound's estimator knows what no tracker knows: which look shows which object, all cameras'
+//! poses and the radius exactly, the object's speed, the times of its turns, and roughly the new directions.
+//! Only the exact direction has to be seen then. More knowledge can only make errors smaller, so a tracker
+//! can be better than the bound only by chance.
 
 use std::{ops::RangeInclusive, time::Duration};
 
 use calib_core::angle::wrap_signed;
 use nalgebra::{Matrix3, Point2, RowVector3, Vector2};
 
-/// Of a look that is further off than so many sigmas, something was hidden or something else was seen.
+/// Limit of a look's error, in sigmas: beyond it a part was hidden, or another object was seen.
 const OUTLIER: f64 = 4.0;
 
-/// In which direction an object goes on is told this well after a turn, standard deviation, radians: rather too
-/// well than too little, for the bound needs a variance to begin with, and any direction has none.
+/// Standard deviation with which the direction after a turn is told, radians: rather too small than too large,
+/// because the bound needs a variance to begin with, and a uniform direction has none.
 const TOLD: f64 = 0.5;
 
 /// One look that showed an object.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight {
-    /// Where the camera really is.
+    /// True place of the camera.
     pub camera: Point2<f64>,
-    /// In which direction it saw the object, by where it really looks, radians. `None`: it saw an edge of a box
-    /// around several, and where in it the object is, is told beforehand, so that nobody makes more of it.
+    /// Direction in which it saw the object, by its true heading, radians. `None`: it saw an edge of a box
+    /// around several. The object's place in the box is then told beforehand, so that no tracker knows more.
     pub direction: Option<f64>,
-    /// Standard deviation of that, radians.
+    /// Standard deviation of the direction, radians.
     pub sigma: f64,
     /// The radius of the object, if the tracker was told it: then the width of the look tells the range.
     pub radius: Option<f64>,
@@ -36,11 +37,11 @@ pub struct Sight {
 /// A straight way of an object.
 #[derive(Clone, Copy, Debug)]
 pub struct Leg {
-    /// When it begins.
+    /// Time at which it begins.
     pub begin: Duration,
-    /// Where.
+    /// Place where it begins.
     pub place: Point2<f64>,
-    /// Goes on with this, a second.
+    /// Velocity, units a second.
     pub velocity: Vector2<f64>,
 }
 
@@ -72,7 +73,7 @@ impl Bound {
     /// Cameras that saw it in this time.
     pub(super) fn cameras(&self, time: RangeInclusive<Duration>) -> usize {
         let mut cameras: Vec<Point2<f64>> = Vec::new();
-        // They come by when they were told, a little out of order.
+        // Looks come in the order in which they were told, a little out of the order of their times.
         let late = time.start().saturating_sub(Duration::from_secs(1));
         let recent = self.sights.iter().rev().take_while(|(at, _)| *at >= late);
         for (_, sight) in recent.filter(|(at, _)| time.contains(at)) {
@@ -83,7 +84,7 @@ impl Bound {
         cameras.len()
     }
 
-    /// Where it really was.
+    /// True place of the object.
     fn place(&self, at: Duration) -> Option<Point2<f64>> {
         let legs = &self.legs;
         let next = legs.partition_point(|leg| leg.begin <= at);
@@ -91,7 +92,7 @@ impl Bound {
         Some(leg.place(at))
     }
 
-    /// Squared error over variance of the looks' directions, and how many these are.
+    /// Squared error over variance of the looks' directions, summed, and the number of these looks.
     pub(super) fn noise(&self) -> (f64, usize) {
         let off = |(at, sight): &(Duration, Sight)| {
             let to = self.place(*at)? - sight.camera;
@@ -102,8 +103,8 @@ impl Bound {
         (squares.iter().sum(), squares.len())
     }
 
-    /// The squared distance from the truth that is to be expected at best at each of these times, if directions
-    /// err by so much of their variances. In it is a look that was made by then, even if nobody had heard of it.
+    /// The least expected squared distance from the truth at each of these times, if directions err by this share
+    /// of their variances. It includes every look made by then, even if the coordinator had not heard of it.
     pub(super) fn squares(&self, times: &[Duration], noise: f64) -> Vec<f64> {
         let mut sights: Vec<_> = self.sights.iter().collect();
         sights.sort_by_key(|(at, _)| *at);
@@ -131,7 +132,7 @@ impl Bound {
     }
 }
 
-/// What is known of place and direction of one leg.
+/// Knowledge about place and direction of one leg.
 struct Known {
     leg: Leg,
     at: Duration,
@@ -139,7 +140,7 @@ struct Known {
 }
 
 impl Known {
-    /// Where it begins is known to a unit: looks tell more soon.
+    /// Its beginning is known to a unit: looks soon tell more.
     fn new(leg: Leg) -> Self {
         Self {
             leg,
@@ -157,7 +158,7 @@ impl Known {
         self.covariance = step * self.covariance * step.transpose();
     }
 
-    /// In which direction it goes on has nothing to do with where it came from.
+    /// The direction of the next leg is independent of the former one.
     fn turn(&mut self, leg: Leg) {
         self.go_to(leg.begin);
         self.leg = leg;
@@ -201,7 +202,7 @@ mod tests {
 
     const SIGMA: f64 = 0.005;
     const CAMERAS: [[f64; 2]; 3] = [[0.0, 0.0], [10.0, 0.0], [5.0, 10.0]];
-    /// Directions that somebody who knows everything else has to choose from.
+    /// Directions from which an estimator that knows everything else has to choose.
     const DIRECTIONS: usize = 1_500;
 
     fn at(seconds: f64) -> Duration {
@@ -218,8 +219,8 @@ mod tests {
         }
     }
 
-    /// Two bearings of known sigma at a right angle: their distances times that. With the width of a ball of
-    /// 0.1 seen from 3 away, its range to 9 / 0.1 of that.
+    /// Two bearings of known sigma at a right angle: errors are the distances times that. With the width of a
+    /// ball of 0.1 seen from 3 away, its range to 9 / 0.1 of that.
     #[test]
     fn what_stands_is_known_by_two_bearings_or_a_width() {
         let place = Point2::new(3.0, 4.0);
@@ -236,7 +237,7 @@ mod tests {
         let expected = (SIGMA * 4.0).powi(2) + (SIGMA * 3.0).powi(2);
         let told = bound.squares(&[at(2.0)], 1.0)[0];
         assert!((told / expected - 1.0).abs() < 1e-3, "{told} {expected}");
-        // What it really errs by counts, and that is known from the looks.
+        // The real error of the looks counts, and it is known from them.
         assert!((bound.squares(&[at(2.0)], 0.25)[0] / expected * 4.0 - 1.0).abs() < 1e-3);
         let (sum, count) = bound.noise();
         assert!((sum - 2.0).abs() < 1e-9 && count == 2, "{sum}");
@@ -251,13 +252,13 @@ mod tests {
         bound.look(at(1.0), Sight { radius, ..look });
         let told = bound.squares(&[at(2.0)], 1.0)[0];
         let range = (SIGMA * 9.0 / 0.1_f64).powi(2);
-        // What was known before helps a little.
+        // The knowledge from before helps a little.
         let expected = (SIGMA * 3.0).powi(2) + range / (1.0 + range);
         assert!((told / expected - 1.0).abs() < 0.01, "{told} {expected}");
     }
 
-    /// Knows all that the bound knows, and makes the best of it: the mean over all directions, each with the
-    /// probability that the looks leave it.
+    /// An estimator that knows all that the bound knows, and makes the best of it: the mean over all directions,
+    /// each with the probability that the looks leave it.
     struct Best {
         places: Vec<Point2<f64>>,
         scores: Vec<f64>,
@@ -284,7 +285,7 @@ mod tests {
             }
         }
 
-        /// Directions change with the place as they do at the truth: so all is linear, and this the best.
+        /// Directions change with the place as they do at the truth: so the problem is linear, and this the best.
         fn look(&mut self, sight: &Sight, truth: Point2<f64>) {
             let to = truth - sight.camera;
             let noise = wrap_signed(sight.direction.unwrap() - to.y.atan2(to.x));
@@ -358,8 +359,8 @@ mod tests {
         errors.into_iter().zip(bound.squares(&times, 1.0)).collect()
     }
 
-    /// From both sides: whoever knows all that the bound knows, but not roughly the direction, is never below it,
-    /// and two seconds after a turn as near to it as chance allows.
+    /// From both sides: an estimator that knows all that the bound knows, but not roughly the direction, is never
+    /// below it, and two seconds after a turn as near to it as chance allows.
     #[test]
     fn the_best_that_can_be_done_meets_it() {
         let walks: Vec<_> = (0..600).map(|seed| walk(&mut generator(seed))).collect();

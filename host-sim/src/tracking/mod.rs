@@ -1,7 +1,7 @@
-//! How well a calibrated network follows objects that cameras see and that have no radio.
+//! Quality with which a calibrated network follows objects that cameras see and that have no radio.
 //!
-//! The coordinator's tracks are compared with the truth of a simulation, and with the best that can be
-//! had of the same looks.
+//! The coordinator's tracks are compared with the truth of a simulation, and with the best possible result
+//! of the same looks.
 
 mod bound;
 mod score;

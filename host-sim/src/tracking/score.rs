@@ -1,4 +1,4 @@
-//! How well objects are tracked, compared with the truth.
+//! Quality of tracking, compared with the truth.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -12,17 +12,17 @@ use super::bound::{Bound, Leg, Sight};
 /// object tracking performance, 2008).
 const NEAR_METRES: f64 = 1.0;
 
-/// A track that is of no object and so many times as far from one has lost it.
+/// Factor of this distance beyond which a track that is of no object has lost it.
 const FAR: f64 = 3.0;
 
-/// A track that nobody saw for longer is carried on by its velocity alone. How far it is off is not counted then:
-/// those that are far off are of no object any more, which would make the others look better than they are.
+/// Longest time without a look for which a track's error is counted. Then its velocity alone carries it on.
+/// Of such tracks only the near ones are still of an object: to count these would give too small errors.
 const UNSEEN_MS: u16 = 500;
 
 /// Cameras that told of an object within this time see it.
 const RECENT: Duration = Duration::from_secs(1);
 
-/// A track, as it was told last.
+/// A track as it was last told.
 #[derive(Clone, Copy, Debug)]
 struct Track {
     at: Duration,
@@ -31,31 +31,31 @@ struct Track {
     covariance: Matrix2<f64>,
 }
 
-/// Why an object that two cameras have in view has no track.
+/// Reason why an object that two cameras have in view has no track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Lack {
-    /// None told its direction in the last second.
+    /// No camera told its direction in the last second.
     Untold,
-    /// One camera alone did.
+    /// Only one camera told it.
     OneTold,
     /// There is a track of no object within three metres.
     FarOff,
-    /// Two did, who need longer to tell it from a crossing of two rays.
+    /// Two cameras told it, and need longer to tell it from a crossing of two rays.
     TwoTold,
-    /// More did.
+    /// More cameras told it.
     MoreTold,
 }
 
 /// An object got another track than it had.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
-    /// So long after it was last near the former one.
+    /// Time since it was last near the former one.
     pub after: Duration,
     /// The former one was still told.
     pub beside: bool,
 }
 
-/// Why tracking was not perfect.
+/// Reasons why tracking was not perfect.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Causes {
     /// Moments without a track in view of two cameras, of [`Causes::moments`].
@@ -71,10 +71,10 @@ pub struct Causes {
 #[derive(Clone, Debug, Default)]
 struct Truth {
     bound: Bound,
-    /// When a track of it was told.
+    /// Times at which a track of it was told.
     told: Vec<Duration>,
     track: Option<u16>,
-    /// Its last track, and when.
+    /// Its last track, and the time of that.
     had: Option<(u16, Duration)>,
     was_seen: bool,
 }
@@ -85,7 +85,7 @@ pub struct Score {
     near: f64,
     truths: Vec<Truth>,
     tracks: BTreeMap<u16, Track>,
-    /// Of each track there ever was: which object it was last.
+    /// The last object of each track that ever was.
     of: BTreeMap<u16, Option<usize>>,
     looks: usize,
     matched: usize,
@@ -97,7 +97,7 @@ pub struct Score {
 }
 
 impl Score {
-    /// Of so many objects, in a unit of so many metres.
+    /// A score for so many objects, in a unit of so many metres.
     pub fn new(objects: usize, metres_per_unit: f64) -> Self {
         Self {
             near: NEAR_METRES / metres_per_unit,
@@ -114,28 +114,28 @@ impl Score {
         }
     }
 
-    /// From now on an object goes so.
+    /// Begins a leg of an object.
     pub fn leg(&mut self, object: usize, leg: Leg) {
         if let Some(truth) = self.truths.get_mut(object) {
             truth.bound.leg(leg);
         }
     }
 
-    /// A look showed an object.
+    /// Takes in a look that showed an object.
     pub fn look(&mut self, at: Duration, object: usize, sight: Sight) {
         self.looks += usize::from(sight.direction.is_some());
         self.look_before(at, object, sight);
     }
 
-    /// The same before anything is counted: what it tells is known from then on.
+    /// The same before anything is counted: the bound knows this look from then on.
     pub fn look_before(&mut self, at: Duration, object: usize, sight: Sight) {
         if let Some(truth) = self.truths.get_mut(object) {
             truth.bound.look(at, sight);
         }
     }
 
-    /// The coordinator told where an object is, or that it is gone; that is compared with where the objects really
-    /// are, if it is known which one it is.
+    /// The coordinator told where an object is, or that it is gone. That is compared with the true places,
+    /// if it is known which object it is.
     pub fn told(
         &mut self,
         at: Duration,
@@ -170,8 +170,8 @@ impl Score {
         }
     }
 
-    /// Finds out which track is of which object, to be called regularly; with each object, whether two cameras
-    /// see it.
+    /// Finds out which track is of which object, to be called regularly; `are_seen` tells of each object
+    /// whether two cameras see it.
     pub fn sample(&mut self, at: Duration, places: &[Point2<f64>], are_seen: &[bool]) {
         let now = |track: &Track| {
             track.position + track.velocity * at.saturating_sub(track.at).as_secs_f64()
@@ -181,7 +181,7 @@ impl Score {
             .collect();
         let mut open = Vec::new();
         let mut pairs = Vec::new();
-        // What was of an object remains so while it is near.
+        // A track stays with its object while it is near.
         for (number, place) in places.iter().enumerate() {
             let held = self.truths[number].track;
             let is_same = |(id, track): &(u16, Point2<f64>)| {
@@ -192,7 +192,7 @@ impl Score {
                 None => open.push(number),
             }
         }
-        // The nearest first.
+        // The nearest pair first.
         while let Some((_, number, track)) = open
             .iter()
             .flat_map(|&number| (0..free.len()).map(move |track| (number, track)))
@@ -227,7 +227,7 @@ impl Score {
         }
     }
 
-    /// A track is of an object.
+    /// Notes that a track is of an object.
     fn pair(&mut self, at: Duration, number: usize, id: u16) {
         let truth = &mut self.truths[number];
         let of = self.of.entry(id).or_default();
@@ -247,7 +247,7 @@ impl Score {
         (truth.track, truth.had) = (Some(id), Some((id, at)));
     }
 
-    /// Which object a track is of now.
+    /// The object that a track is of now.
     pub fn object_of(&self, track: u16) -> Option<usize> {
         { self.truths.iter() }.position(|truth| truth.track == Some(track))
     }
@@ -259,7 +259,7 @@ impl Score {
         sum / count as f64
     }
 
-    /// Why it was not perfect.
+    /// The reasons why tracking was not perfect.
     pub fn causes(&self) -> Causes {
         Causes {
             noise: self.noise(),
@@ -267,9 +267,9 @@ impl Score {
         }
     }
 
-    /// What came of so many seconds in a network.
+    /// Result of so many seconds in a network.
     pub fn end(&self, network: u16, seconds: f64) -> Tracking {
-        // Cameras that say more than they err cannot make the bound larger.
+        // Cameras whose sigmas are too large cannot make the bound larger.
         let noise = self.noise().min(1.0);
         let squares = self
             .truths
@@ -338,7 +338,7 @@ mod tests {
         let told = score.end(1, 3.0);
         assert_eq!((told.breaks, told.swaps, told.ghosts), (1, 0, 1));
         assert!((told.covered - 5.0 / 6.0).abs() < 1e-12);
-        // The first sample found out which is which: of these two was told since.
+        // The first sample found out which track is which: only messages since then count.
         assert!((told.rms.unwrap() - 0.1).abs() < 1e-6);
         assert!((told.nees.unwrap() - 1.0).abs() < 1e-5);
         // Both tracks go over to the other object.

@@ -175,7 +175,7 @@ fn a_node_that_restarts_finds_its_camera() {
     assert_eq!(bench.packets(30 * SECOND, 40 * SECOND).len(), 500);
 }
 
-/// Nothing happens while a camera that does not stream is not talked to.
+/// A camera costs nothing while it does not stream and gets no command.
 #[test]
 fn an_idle_camera_costs_nothing() {
     let mut executor = Executor::new();

@@ -1,4 +1,4 @@
-//! Chips as the simulation sees them. In their place is mostly something that does what a test says,
+//! Chips as the simulation sees them. Mostly a stand-in takes their place, which does what a test says:
 //! [`StandIn`].
 
 use std::{
@@ -20,7 +20,7 @@ use host_sim::network::{
 };
 use site::{Overrides, Scenario};
 
-/// What a stand-in was told.
+/// Notes of what a stand-in was told.
 #[derive(Debug, Default)]
 struct Notes {
     /// The seed of each start of node 3.
@@ -28,8 +28,8 @@ struct Notes {
     has_ended: bool,
 }
 
-/// Chips of which that of node 3 does this at each of its starts, and the others nothing. At the second start the
-/// run is interrupted, or the stand-in panics.
+/// Stand-in for the chips: that of node 3 does these deeds at each of its starts, the others none. At the second
+/// start the run is interrupted, or the stand-in panics.
 struct StandIn {
     deeds: Vec<Deed>,
     panics: bool,
@@ -87,7 +87,7 @@ struct Ended {
 }
 
 impl Ended {
-    /// Why node 3 failed.
+    /// Reasons why node 3 failed.
     fn failures(&self) -> Vec<&str> {
         let node = self.record.nodes.iter().find(|node| node.id == 3).unwrap();
         let failures = node.failures.iter();
@@ -95,7 +95,7 @@ impl Ended {
     }
 }
 
-/// The small network, of which node 3 loses its power for a moment, on chips that do this.
+/// Runs the small network on chips that do these deeds; its node 3 loses its power for a moment.
 fn run(deeds: &[Deed], panics: bool, seed: u64) -> Ended {
     let text = SMALL.replace("at_s = 25.0", "at_s = 0.5");
     let mut scenario = Scenario::from_toml(&text, &Overrides::default()).unwrap();
@@ -144,7 +144,7 @@ fn bus(pins: [u32; 2]) -> Deed {
     Deed::I2c(Wires { pins, rate })
 }
 
-/// What the image does on its board.
+/// Deeds of the image on its board.
 fn does_well() -> [Deed; 4] {
     [
         restarts("Core", true),
@@ -154,7 +154,7 @@ fn does_well() -> [Deed; 4] {
     ]
 }
 
-/// The first network whose node 3 cannot go on, and why.
+/// The first network whose node 3 cannot go on, and the reason.
 #[test]
 fn what_chips_cannot_do_ends_the_run_with_words() {
     for (does, expected) in [
@@ -192,7 +192,7 @@ fn what_chips_cannot_do_ends_the_run_with_words() {
     }
 }
 
-/// Who restarts by itself goes on.
+/// A node that restarts by itself goes on.
 #[test]
 fn what_a_board_does_well_ends_nothing() {
     let ended = run(&does_well(), false, 1);
@@ -200,7 +200,7 @@ fn what_a_board_does_well_ends_nothing() {
     assert_eq!(ended.notes.borrow().seeds.len(), 2);
 }
 
-/// A panic, or a watchdog that bites, is in the record with what the image says of it; what a first start is for is no
+/// A panic, or a watchdog that bites, is in the record with the image's words. The reason of a first start is no
 /// failure.
 #[test]
 fn a_chip_that_restarts_has_failed() {
@@ -220,7 +220,7 @@ fn a_chip_that_restarts_has_failed() {
     assert_eq!(run(&does_well(), false, 1).failures(), [""; 0]);
 }
 
-/// A fault of what emulates chips ends the run, and not the program: the record is of what was before.
+/// A fault of the emulator ends the run, and not the program: the record ends before the fault.
 #[test]
 fn a_panic_of_what_emulates_chips_ends_the_run_with_words() {
     let Ended {
@@ -271,7 +271,7 @@ fn refused(command: &mut Command, expected: &str) -> Output {
     output
 }
 
-/// Before anybody waits.
+/// Told before any waiting.
 #[test]
 fn a_node_or_port_that_gdb_cannot_have_is_told() {
     let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
@@ -323,7 +323,7 @@ mod images {
 
     use super::*;
 
-    /// ELF's number of a processor.
+    /// ELF's number of the processor.
     const ARM: u16 = 40;
 
     /// An ELF file of two vectors at an address, and one section.
@@ -334,7 +334,7 @@ mod images {
         file.resize(16, 0);
         let halves = [
             [2, machine, 1, 0, 0x101, 0],
-            // Where programs and sections begin, and how long their entries are and how many.
+            // Places of the tables of programs and sections, lengths of their entries, and numbers of entries.
             [52, 0, 112, 0, 0, 0],
             [52, 32, 1, 40, 3, 2],
         ];
@@ -372,7 +372,7 @@ mod images {
             elf(62, 0, b".defmt"),
             elf(ARM, 0x0800_0000, b".defmt"),
             elf(ARM, 0, b".other"),
-            // It does not say how it logs.
+            // It does not name its log format.
             elf(ARM, 0, b".defmt"),
         ] {
             fs::write(&image, other).unwrap();
@@ -405,7 +405,7 @@ mod images {
         [low[0], low[1], high[0], high[1]]
     }
 
-    /// The image that is flashed, but what it does first: its UART sends over other pins, and it sleeps for ever.
+    /// The image that is flashed, with another begin: its UART sends over other pins, and it sleeps for ever.
     fn with_other_pins() -> Vec<u8> {
         let mut bytes = fs::read(flashed()).unwrap();
         let file = object::File::parse(bytes.as_slice()).unwrap();
@@ -440,7 +440,7 @@ mod images {
         bytes
     }
 
-    /// Whatever has happened until then, results are of what was before, and no table pretends to be more.
+    /// Whatever has happened, results end before the failure, and no table seems to be complete.
     #[test]
     #[ignore = "`cargo xtask test --stage chip`"]
     fn a_run_whose_chips_fail_says_that_it_is_not_complete() {
@@ -452,7 +452,7 @@ mod images {
         command.arg("--json").arg(&json).arg("--csv").arg(&csv);
         let output = command.output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{output:?}");
-        // How much stack was used comes before.
+        // The use of the stacks is told before.
         let stderr = String::from_utf8(output.stderr).unwrap();
         let last = stderr.lines().last().unwrap();
         assert!(last.contains("its UART has P0.01 and P0.02"), "{stderr}");
@@ -482,7 +482,7 @@ mod images {
         }
     }
 
-    /// One that nobody has now.
+    /// A port that no program has now.
     fn free_port() -> u16 {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         listener.local_addr().unwrap().port()

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// What a run left.
+/// Result of a run.
 pub(crate) struct Done {
     pub(crate) code: i32,
     pub(crate) stdout: String,
@@ -26,7 +26,7 @@ pub(crate) fn run_with_input(arguments: &[&str], input: &str) -> Done {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A run that ends before it reads its input is none of our business here.
+    // A run may end before it reads its input: that is not checked here.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     let output = child.wait_with_output().unwrap();
     Done {
@@ -36,7 +36,7 @@ pub(crate) fn run_with_input(arguments: &[&str], input: &str) -> Done {
     }
 }
 
-/// What was said besides how far cameras are, `12.3 s  camera 4: calibrated, 3 sightings`.
+/// Messages other than the progress of cameras, `12.3 s  camera 4: calibrated, 3 sightings`.
 fn without_progress(stderr: &str) -> String {
     let is_progress = |line: &&str| {
         let parts = line.trim_start().split_once(" s  camera ");
@@ -70,14 +70,14 @@ pub(crate) fn data(name: &str) -> String {
     format!("{}/../tests/data/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// One end of a pseudo-terminal, which no other program inherits: where one did, the line would stay open after
+/// One end of a pseudo-terminal, which no other program inherits: otherwise the line would stay open after
 /// its end.
 #[cfg(unix)]
 pub(crate) struct LineEnd(pub(crate) std::fs::File);
 
 #[cfg(unix)]
 impl LineEnd {
-    /// Both ends of a line, raw: what a device would hold, and one that keeps it open; and the name of the port.
+    /// Both ends of a line, raw: the device's end, and one that keeps it open; and the name of the port.
     pub(crate) fn pair() -> (Self, Self, String) {
         use rustix::{
             fs::{Mode, OFlags},
@@ -98,7 +98,7 @@ impl LineEnd {
     }
 }
 
-/// What a silent line says now and then: whoever reads may look at something else.
+/// A silent line times out now and then, so that the reader may look at something else.
 #[cfg(unix)]
 impl std::io::Read for LineEnd {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
@@ -126,7 +126,7 @@ impl Write for LineEnd {
     }
 }
 
-/// What no test should need, however slow the computer is: then something hangs.
+/// Time that no test should need, however slow the computer is: then something hangs.
 pub(crate) const HANGS: Duration = Duration::from_secs(600);
 
 /// Waits for something that another program does.

@@ -1,4 +1,4 @@
-//! `host-sim console` as people run it, against the coordinator's own state machine behind a
+//! `host-sim console` as users run it, against the coordinator's own state machine behind a
 //! pseudo-terminal, and against lines that fail.
 
 #![cfg(unix)]
@@ -38,7 +38,7 @@ struct Site {
 }
 
 impl Site {
-    /// Starts it, with these states of its cameras. Keeps the line open as long as it is kept.
+    /// Starts it, with these states of its cameras. Keeps the line open as long as the returned end is kept.
     fn start(states: [CameraState; 2]) -> (LineEnd, String) {
         let (line, port, name) = LineEnd::pair();
         let mut site = Self {
@@ -146,7 +146,7 @@ impl Site {
             CoordinatorTask::TellConflict => {}
             CoordinatorTask::TellKeyChange => self.tell(ToPc::KeyChange(self.key)),
             CoordinatorTask::OpenJoinWindow(window) => {
-                // Somebody joins at once.
+                // A camera joins at once.
                 assert_eq!(window, Duration::from_secs(60));
                 let kind = MemberKind::Camera { reference: None };
                 self.hears(9, &Message::Hello(Hello { id: 12, kind }));
@@ -155,7 +155,7 @@ impl Site {
     }
 
     fn tell(&mut self, message: ToPc) {
-        // Nobody may have opened the port yet, or any more.
+        // The port may not be open yet, or any more.
         let _ = self
             .line
             .write_all(encode(&message, &mut [0; FRAME_MAX]).unwrap());
@@ -256,7 +256,7 @@ fn poses_of_a_calibrated_network() {
     assert_eq!(json["nodes"][2]["estimate"], Value::Null);
 }
 
-/// A refused camera, or one that is missing, is no calibrated network: exit code 1, and the poses
+/// With a refused camera, or a missing one, the network is not calibrated: exit code 1, and the poses
 /// that there are.
 #[test]
 fn time_is_over_before_all_have_poses() {
@@ -375,7 +375,7 @@ fn nobody_answers() {
     assert!(!fs::exists(csv).unwrap(), "there are no poses");
 }
 
-/// Something else talks: at another rate, or a node that has a camera on this line.
+/// Another device talks: at another rate, or a node that has a camera on this line.
 #[test]
 fn no_coordinator_talks() {
     for (bytes, words) in [
@@ -432,7 +432,7 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
 }
 
 /// Two programs: a rehearsal whose coordinator is on a pseudo-terminal, and the console there. In the
-/// end they know the same poses, and the console says what else a real network tells.
+/// end they know the same poses, and the console also says what a real network tells.
 #[test]
 fn a_rehearsals_console_knows_the_poses_of_its_record() {
     let files = Files::new();
@@ -468,7 +468,7 @@ fn a_rehearsals_console_knows_the_poses_of_its_record() {
         let text = fs::read_to_string(path).unwrap();
         let lines = text.lines().map(|line| {
             let cells: Vec<String> = line.split(',').map(str::to_owned).collect();
-            // Up to the covariance: what follows is the truth, and what only a camera knows.
+            // Up to the covariance: then follow the truth, and data that only a camera knows.
             cells[..18].to_vec()
         });
         lines.collect::<Vec<_>>()
@@ -487,7 +487,7 @@ fn a_rehearsals_console_knows_the_poses_of_its_record() {
 }
 
 /// A rehearsal of two networks on two lines, and one console for both: one site, in which each wish goes to
-/// whom it concerns.
+/// the coordinator that it concerns.
 #[test]
 fn the_coordinators_of_a_site_are_one_site() {
     let files = Files::new();
@@ -546,7 +546,7 @@ fn the_coordinators_of_a_site_are_one_site() {
             .collect()
     };
     assert_eq!(cameras(&told), cameras(&kept));
-    // How the networks stand to each other is what the file says.
+    // The file tells how the networks stand to each other.
     for axis in ["x", "y", "heading_deg"] {
         let [kept, told] =
             [&kept, &told].map(|record| record["networks"][1]["frame"][axis].as_f64());

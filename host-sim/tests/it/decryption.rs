@@ -1,4 +1,4 @@
-//! tshark, which was written by others, reads the capture of a run with what stands beside it.
+//! tshark, an independent program, reads the capture of a run with the script beside it.
 
 use std::process::Command;
 

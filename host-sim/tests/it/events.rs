@@ -1,4 +1,4 @@
-//! What happens in a run, as events: they come to its record.
+//! Events of a run: they add up to its record.
 
 use answers::record::{
     RunRecord,
@@ -34,7 +34,7 @@ fn watched(name: &str, every: u64, act: Option<(f64, Action)>) -> (RunRecord, Ve
     (record, events)
 }
 
-/// Through the text, as whoever reads a file has it.
+/// The events after writing and reading their text.
 fn written(events: &[Event]) -> Vec<Event> {
     let text: String = events
         .iter()
@@ -168,7 +168,7 @@ fn lines_of_format_1_stay_as_they_are() {
         let event = Event::from_line(line).unwrap_or_else(|e| panic!("{line}: {e}"));
         assert_eq!(event.to_line().unwrap().trim_end(), line);
     }
-    // Before cameras told directions.
+    // From before cameras told directions.
     let line = r#"{"seconds":1.5,"event":"tracked","node":3,"middle":[44,70],"edges":[40,60,48,80],"pixels":99,"confidence":200}"#;
     let event = Event::from_line(line).unwrap();
     let told = |what: &What| {

@@ -1,4 +1,4 @@
-//! `host-sim probe` as people run it, against `host-sim camera` and against lines that fail.
+//! `host-sim probe` as users run it, against `host-sim camera` and against lines that fail.
 
 #![cfg(unix)]
 
@@ -17,7 +17,7 @@ use crate::common::{Files, LineEnd, data, run, run_with_input};
 use serde_json::Value;
 use serialport::TTYPort;
 
-/// A run that fails, and what it says.
+/// A run that fails, and its messages.
 fn failure(arguments: &[&str]) -> String {
     let mut all = vec!["probe", "--settle", "0"];
     all.extend_from_slice(arguments);
@@ -63,7 +63,7 @@ fn nobody_answers() {
     assert!(text.contains("no answer at any baud rate"), "{text}");
 }
 
-/// Something answers every byte with the same wrong ones, as a camera at another rate does.
+/// A device answers every byte with the same wrong ones, as a camera at another rate does.
 #[test]
 fn garbage() {
     let (mut camera, _port, name) = LineEnd::pair();
@@ -83,7 +83,7 @@ fn garbage() {
     assert!(text.contains("jumpers"), "{text}");
 }
 
-/// Something else than a camera is named, and what it said is shown.
+/// A device that is no camera is named, and its bytes are shown.
 #[test]
 fn strangers_are_named() {
     let strangers = [
@@ -95,7 +95,7 @@ fn strangers_are_named() {
         (b"\r\n>>> ", "Python"),
         (b"\r", "TX and RX of the adapter"),
     ];
-    // Each is mostly waited for.
+    // In parallel, because each run mostly waits.
     thread::scope(|scope| {
         for (says, words) in strangers {
             scope.spawn(move || {
@@ -164,14 +164,14 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
 trait Probed {
     fn arguments<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str>;
 
-    /// A run that succeeds: what it prints, and what it says.
+    /// A run that succeeds: its output, and its messages.
     fn probe(&self, arguments: &[&str]) -> (String, String) {
         let done = run(&self.arguments(arguments));
         assert_eq!(done.code, 0, "{}", done.stderr);
         (done.stdout, done.stderr)
     }
 
-    /// The objects that a run prints.
+    /// The JSON objects that a run prints.
     fn json(&self, arguments: &[&str]) -> Vec<Value> {
         let (stdout, _) = self.probe(&[arguments, &["--json"]].concat());
         stdout
@@ -208,13 +208,13 @@ impl Probed for Emulated {
 struct Camera {
     child: Child,
     port: String,
-    /// What it says, line by line.
+    /// Its messages, line by line.
     told: Receiver<String>,
 }
 
 impl Camera {
     fn start(files: &Files, scene: &str, arguments: &[&str]) -> Self {
-        // A link that a killed camera left may by now lead to another one.
+        // The link of a killed camera may by now lead to another one.
         static CAMERAS: AtomicUsize = AtomicUsize::new(0);
         let number = CAMERAS.fetch_add(1, Ordering::Relaxed);
         let port = files.path(&format!("camera{number}"));
@@ -260,7 +260,7 @@ fn square() -> String {
 /// Around the orange of all scenes here, whatever the gain.
 const ORANGE: &str = "170,240,60,170,16,90";
 
-/// What the camera's whole columns leave open: one of 45 degrees over 88, at the middle, radians.
+/// Angle of one of 88 columns over 45 degrees, at the middle, radians: the uncertainty of whole columns.
 const COLUMN: f64 = 0.0096;
 
 fn number(line: &Value, key: &str) -> f64 {
@@ -396,7 +396,7 @@ fn a_learnt_colour_is_judged_by_its_background() {
         .parse()
         .unwrap();
     assert!((45.0..60.0).contains(&share), "{text}");
-    // Who insists is obeyed.
+    // An explicit colour is used all the same.
     camera.probe(&[&run[..], &["--colour", ORANGE]].concat());
 
     // Wood of another hue: a narrower window tells it from the ball.
@@ -409,7 +409,7 @@ fn a_learnt_colour_is_judged_by_its_background() {
     assert!((44.0..=50.0).contains(&width), "{line}");
 
     // A poor light: the window around the ball's dark colour has the dark room in it, a narrower one
-    // has not; still less light, and none has.
+    // has not. In still less light no window is without the room.
     let room = [[90, 80, 70]; 12];
     let camera = Emulated::new(&ball_before(&files, "dim.toml", 0.08, &room), &[]);
     let (_, told) = camera.probe(&run);
@@ -430,7 +430,7 @@ fn other_cameras() {
     let text = failure(&camera.arguments(&["--high-res"])[1..]);
     assert!(text.contains("no high resolution"), "{text}");
 
-    // No module in the banner, and columns from 0: what fills the view shows it.
+    // No module in the banner, and columns from 0: an object that fills the view shows it.
     let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
     let other = ["switch=module=2", "switch=origin=0"];
     let camera = Emulated::new(&plain, &other);
@@ -441,7 +441,7 @@ fn other_cameras() {
     let wrong = [&run[..], &["--first-column", "1"]].concat();
     let (text, told) = camera.probe(&wrong);
     assert!(told.contains("give --first-column 0"), "{told}");
-    // What fills the view has no bearing.
+    // An object that fills the view has no bearing.
     assert!(text.contains("box") && !text.contains("bearing"), "{text}");
 }
 
@@ -600,7 +600,7 @@ fn a_camera_that_was_started_up_goes_on_as_it_is() {
     assert_eq!(colour(&learnt), colour(&known));
 }
 
-/// It is what its commands are that counts; that it calls itself otherwise is told.
+/// The commands of a firmware count; another name of it is told.
 #[test]
 fn kindred_firmware_is_a_warning() {
     for (version, banner) in [
@@ -623,7 +623,7 @@ fn a_camera_that_sends_frames_is_found() {
     assert!(told.contains("at 19200 baud"), "{told}");
 }
 
-/// Frames are ended, also if nothing waits for it: the camera says so.
+/// A stream of frames is ended even if the wait is interrupted: the camera says so.
 #[test]
 fn a_camera_that_sends_frames_is_left_silent() {
     let files = Files::new();
@@ -639,7 +639,7 @@ fn a_camera_that_sends_frames_is_left_silent() {
     assert_eq!(output.status.code(), Some(130));
 }
 
-/// Its wiring and its rate were right before.
+/// The camera's wiring and rate were right before.
 #[test]
 fn a_camera_that_hangs_was_started_before() {
     let files = Files::new();
@@ -730,7 +730,7 @@ fn ctrl_c_stops_the_stream() {
     let told = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert_unharmed(&told);
-    // Idle: what is sent is answered, and nothing else comes in between.
+    // It is idle: it answers commands, and sends nothing in between.
     let mut port = OpenOptions::new();
     let mut port = port.read(true).write(true).open(&camera.port).unwrap();
     port.write_all(b"\rGV\r").unwrap();
@@ -741,7 +741,7 @@ fn ctrl_c_stops_the_stream() {
         said.push(byte[0]);
     }
     assert_eq!(said, b"ACK\r:ACK\rCMUcam2 v1.00 c6\r:");
-    // Before there is anything to show, Ctrl-C is a failure.
+    // Before the first output, Ctrl-C is a failure.
     drop(port);
     let mut probe = spawn(&camera, &["--baud", "115200", "--settle", "600"]);
     let mut banner = String::new();
@@ -856,13 +856,13 @@ fn a_pixy2_records_then_solve() {
     assert!((number(&pose, "y") - 2.0).abs() < 0.1, "{pose}");
     let turned = number(&pose, "heading_rad") - 30_f64.to_radians();
     assert!(turned.abs() < 0.02, "{pose}");
-    // As columns of a CMUcam2 they are none.
+    // They are not columns of a CMUcam2.
     let wrong = run(&solve);
     assert_ne!(wrong.code, 0, "{}", wrong.stdout);
     assert!(wrong.stderr.contains("--columns"), "{}", wrong.stderr);
 }
 
-/// At another rate it understands nothing.
+/// At another rate the camera understands nothing.
 #[test]
 fn a_pixy2_has_one_rate() {
     let probe = ["probe", "--camera", "pixy2", "--emulate", "--fov-deg", "60"];
@@ -873,7 +873,7 @@ fn a_pixy2_has_one_rate() {
     assert!(text.contains("no Pixy2 answers"), "{text}");
 }
 
-/// On a pseudo-terminal: its ball is straight ahead within the way that it is moved.
+/// On a pseudo-terminal: its ball is straight ahead, up to the way that it is moved.
 #[test]
 fn a_pixy2() {
     let files = Files::new();

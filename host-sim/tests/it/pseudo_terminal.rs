@@ -21,7 +21,7 @@ use rustix::{
 /// A camera that is ended with the test.
 struct Camera {
     child: Child,
-    /// What it has said, as far as it was looked at.
+    /// Messages that were looked at so far.
     said: RefCell<String>,
     says: Receiver<String>,
 }
@@ -62,7 +62,7 @@ impl Camera {
         assert!(done.unwrap().success());
     }
 
-    /// Ends it as a terminal or a service manager does; what it has said.
+    /// Ends it as a terminal or a service manager does; returns its messages.
     fn end(mut self, name: &str) -> String {
         self.signal(name);
         let said = self.said.take() + &self.says.iter().collect::<String>();
@@ -83,7 +83,7 @@ fn open(link: &Path) -> File {
     File::options().read(true).write(true).open(link).unwrap()
 }
 
-/// Reads until this was read; all of it.
+/// Reads until this was read; returns all of it.
 fn read_until(port: &mut File, end: &str) -> String {
     let mut all = Vec::new();
     while !all.ends_with(end.as_bytes()) {
@@ -95,10 +95,10 @@ fn read_until(port: &mut File, end: &str) -> String {
     String::from_utf8_lossy(&all).into_owned()
 }
 
-/// Carriage returns until a camera answers that may still be starting.
+/// Sends carriage returns until a camera answers that may still be starting.
 fn synchronise(port: &mut File) {
     port.write_all(b"\r").unwrap();
-    // A banner if it was starting, an acknowledgement if it was not.
+    // A banner if it was starting, an acknowledgement otherwise.
     read_until(port, ":");
 }
 
@@ -118,7 +118,7 @@ fn any_program_can_talk_to_it() {
         port.write_all(b"TC 100 240 30 200 16 120\r").unwrap();
         let packet = read_until(&mut port, ":");
         assert!(packet.starts_with("ACK\rT "), "{packet:?}");
-        // Bytes that a terminal would translate or obey: none does. 0x03, 0x0D and 0x0A are in
+        // Bytes that a terminal would translate or obey: the line does neither. 0x03, 0x0D and 0x0A are in
         // every frame.
         port.write_all(b"VW 1 1 10 13\r").unwrap();
         assert_eq!(read_until(&mut port, ":"), "ACK\r:");
@@ -129,7 +129,7 @@ fn any_program_can_talk_to_it() {
         assert!(frame[7..7 + 13 * 11].chunks(11).all(|row| row[10] == 2));
         assert_eq!(frame[7 + 13 * 11..], [3, b':']);
     }
-    // The next program finds the same camera, and nothing that was meant for the first.
+    // The next program finds the same camera, and no bytes that were meant for the first.
     wait_until(|| {
         let mut port = open(&link);
         port.write_all(b"\r").unwrap();
@@ -159,14 +159,14 @@ fn every_ordinary_end_removes_the_link() {
     }
 }
 
-/// Sets the rate of the port, as programs do that talk to a serial line.
+/// Sets the rate of the port, as programs do that use a serial line.
 fn set_baud(port: &File, baud: u32) {
     let mut modes = tcgetattr(port).unwrap();
     modes.set_speed(baud).unwrap();
     tcsetattr(port, OptionalActions::Now, &modes).unwrap();
 }
 
-/// What comes within half a second of this command.
+/// Bytes that come within half a second of this command.
 fn answer(port: &mut File, command: &[u8]) -> Vec<u8> {
     port.write_all(command).unwrap();
     sleep(Duration::from_millis(500));
@@ -219,7 +219,7 @@ fn a_signal_cycles_the_power() {
     assert!(banner.ends_with("CMUcam2 v1.00\r:"), "{banner:?}");
 }
 
-/// A link that leads nowhere is what a killed camera leaves behind.
+/// A killed camera leaves a link that leads nowhere.
 #[test]
 fn a_stale_link_is_replaced_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
@@ -236,7 +236,7 @@ fn a_stale_link_is_replaced_and_nothing_else() {
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
 }
 
-/// What a camera says that cannot start.
+/// Messages of a camera that cannot start.
 fn run(options: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
         .arg("camera")

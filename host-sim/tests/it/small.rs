@@ -1,4 +1,4 @@
-//! A small network, and whether the poses of its cameras, as machine code has them, are those of this program.
+//! A small network, and a check that its cameras' poses, as machine code has them, are those of this program.
 
 use answers::record::RunRecord;
 use host_sim::network::Simulation;
@@ -16,8 +16,8 @@ use zigbee_link::{Instant, wire::ShortAddress};
 
 const NOW: Instant = Instant(1_000_000);
 
-/// Two references, another camera that loses its power, a target. Nobody knows how far apart the
-/// references are, so that the target estimates nothing and the camera's pose is its own.
+/// Two references, another camera that loses its power, a target. The distance of the references is not
+/// known, so the target makes no joint estimate, and the camera's pose is its own.
 pub(crate) const SMALL: &str = r#"
 name = "small"
 unit = "inches"

@@ -1,4 +1,4 @@
-//! `host-sim solve` as people run it.
+//! `host-sim solve` as users run it.
 
 use std::{
     io::Read,
@@ -93,7 +93,7 @@ fn names_of_cases_are_text_whatever_the_others_are() {
     );
 }
 
-/// Three sightings always fit, so nothing but the size of the numbers tells degrees from radians.
+/// Three sightings always fit, so only the size of the numbers tells degrees from radians.
 #[test]
 fn degrees_are_not_taken_for_radians() {
     let in_degrees = |name: &str| {
@@ -409,7 +409,7 @@ fn errors_and_coverage_are_those_computed_by_hand() {
     let cases: String = (1..=5).map(|case| rows(&case.to_string())).collect();
     let sightings = files.write("s.csv", &format!("{HEADER}{cases}9,1,1,1\n"));
     // Distances 0.1, 0.2, 0.3, 1.0; heading errors 1, 2, 3, 358 - 360 = -2 degrees; case 5 has no
-    // truth; case 77 is nobody's.
+    // truth; case 77 has no camera.
     let mut truth = "x,y,theta_rad,case\n".to_owned();
     for (case, dx, dy, degrees) in [
         (1, 0.1, 0.0, 31.0),
@@ -562,7 +562,7 @@ fn of_many_cameras_some_are_drawn() {
     assert!(svg.contains("500 of 700, evenly chosen"));
 }
 
-/// Real cameras: the published least-squares rows are what the solver has to reach.
+/// Real cameras: the solver has to be as good as the published least-squares rows.
 #[test]
 fn real_cameras_are_as_accurate_as_published_methods() {
     for (name, median, heading) in [
@@ -591,7 +591,7 @@ fn real_cameras_are_as_accurate_as_published_methods() {
     }
 }
 
-/// Of four sightings one is half a radian off: no pose fits them, and predicted sigmas do not know.
+/// One of four sightings is half a radian off: no pose fits them, and predicted sigmas do not know.
 #[test]
 fn sightings_that_contradict_each_other_are_called_so() {
     let fourth = |off: f64| format!("1,5,6,{}\n", 15_f64.to_radians() + off);
@@ -648,7 +648,7 @@ fn a_pose_that_another_place_would_do_for_is_ambiguous() {
     assert!(done.stdout.contains("Kept 0.0 %"), "{}", done.stdout);
 }
 
-/// What is kept is what is certain enough: whether sigmas were right is another question.
+/// An answer is kept if it is certain enough: whether sigmas were right is another question.
 #[test]
 fn doubtful_answers_are_compared_with_the_truth_too() {
     let files = Files::new();
@@ -748,7 +748,7 @@ fn columns_of_47_degrees() -> String {
     text
 }
 
-/// Taken for 45 degrees, it is found and named; as what it is, nothing is said.
+/// Taken for 45 degrees, the lens is found and named; taken for 47, nothing is said.
 #[test]
 fn a_lens_of_another_field_of_view_is_named() {
     let solve = |degrees: &str| {
@@ -792,9 +792,9 @@ fn a_lens_of_another_projection_is_named() {
     assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
 }
 
-/// A file is read case by case where the rows of each case follow one another, and as a whole where they do
-/// not, or where all cases are asked something together: people do not see which. Nor does it matter where the
-/// rows come from.
+/// A file is read case by case if the rows of each case follow one another. It is read as a whole if they do
+/// not, or if a question concerns all cases together. The user sees no difference. Nor does it matter where
+/// the rows come from.
 #[test]
 fn answers_do_not_depend_on_the_order_of_rows_or_on_where_they_come_from() {
     let files = Files::new();
@@ -825,7 +825,7 @@ fn answers_do_not_depend_on_the_order_of_rows_or_on_where_they_come_from() {
                     _ => run(&arguments),
                 }
             };
-            // To draw them, all cases are kept.
+            // A drawing needs all cases at once.
             for done in [
                 usual(&file, &[]),
                 usual("-", &[]),

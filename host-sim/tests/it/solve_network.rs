@@ -1,11 +1,11 @@
-//! `host-sim solve-network` as people run it.
+//! `host-sim solve-network` as users run it.
 
 use std::fmt::Write as _;
 
 use crate::common::{Files, run, run_with_input};
 use serde_json::Value;
 
-/// Five cameras around a yard, and where a target stood; all see all of it.
+/// Five cameras around a yard, and the stops of a target; all cameras see all of the yard.
 const CAMERAS: [(f64, f64, f64); 5] = [
     (0.0, 0.0, 45.0),
     (10.0, 0.0, 135.0),
@@ -23,7 +23,7 @@ const STOPS: [(f64, f64); 7] = [
     (5.5, 3.5),
 ];
 
-/// Without any error.
+/// A bearing without any error.
 fn bearing(camera: usize, stop: usize) -> f64 {
     let ((x, y, heading), (to_x, to_y)) = (CAMERAS[camera], STOPS[stop]);
     let world = f64::atan2(to_y - y, to_x - x).to_degrees();
@@ -85,7 +85,7 @@ fn bearings_and_displacements_give_every_pose_and_the_carrier() {
         "--displacement-sigma",
         "0.02",
     ];
-    // What is known of the carrier beforehand would pull a little.
+    // Prior knowledge about the carrier would pull a little.
     let free = ["--baseline", "10", "--systematic-scale", "1", "--json"];
     let done = run(&[&all[..], &free].concat());
     assert_eq!(done.code, 0, "{}", done.stderr);
@@ -101,7 +101,7 @@ fn bearings_and_displacements_give_every_pose_and_the_carrier() {
     }
     assert!((number(&solution["carrier"]["scale"]) - 1.03).abs() < 1e-4);
     assert_eq!(solution["bearings"].as_array().unwrap().len(), 35);
-    // The same without the baseline: all is 3 % longer, and said to be about so uncertain.
+    // The same without the baseline: all is 3 % longer, and its told uncertainty is about as large.
     let unknown = [
         "--baseline",
         "unknown",
@@ -213,7 +213,7 @@ fn ranges_marks_and_lenses_are_taken_too() {
     let pose = &camera["estimate"];
     assert!((number(&pose["x"]) + 1.0).abs() < 0.05, "{camera}");
 
-    // What a file of JSON may hold as well.
+    // Other contents of a file of JSON.
     let json = files.write(
         "all.json",
         &serde_json::json!({
@@ -241,7 +241,7 @@ fn the_record_of_a_run_is_solved_again() {
     assert_eq!(done.code, 0, "{}{}", done.stdout, done.stderr);
     assert!(done.stdout.contains("Errors of"), "{}", done.stdout);
     assert!(std::fs::read_to_string(&map).unwrap().contains("<svg"));
-    // What it holds may stand in a file of its own, and what is typed counts more.
+    // Its contents may stand in a file of their own, and options count more.
     let text = std::fs::read_to_string(&record).unwrap();
     let own: Value = serde_json::from_str(&text).unwrap();
     let own = files.write("own.json", &own["sightings"].to_string());

@@ -1,4 +1,4 @@
-//! `host-sim solve-reference` as people run it.
+//! `host-sim solve-reference` as users run it.
 
 use std::collections::BTreeMap;
 
@@ -65,7 +65,7 @@ fn exact_bearings_give_the_exact_answer_whatever_is_unknown_and_by_every_method(
 
 #[test]
 fn displacements_may_be_measured_in_a_turned_frame() {
-    // A quarter turn: what is x against the baseline was measured as -y.
+    // A quarter turn: a displacement x against the baseline was measured as -y.
     let turned: String = exact()
         .lines()
         .map(|line| {

@@ -27,7 +27,7 @@ fn office(seed: u64, objects: Vec<ObjectTable>) -> Scenario {
 }
 
 impl Run {
-    /// Two objects walk about in the office for so many seconds, or those of the scenario.
+    /// Two drawn objects walk about in the office for so many seconds, or those of the scenario.
     fn office(seed: u64, seconds: f64, objects: Vec<ObjectTable>) -> Self {
         Self::of(office(seed, objects), seconds)
     }
@@ -65,9 +65,9 @@ impl Run {
     }
 }
 
-/// From both sides. No walk is tracked better than can be, nor far worse than it was measured; and the mean
-/// squared error over its covariance, 2 if all is right, is what was measured, within less than what sigmas make
-/// of it that are 30 % too large or too small.
+/// From both sides. No walk is tracked better than possible, nor far worse than it was measured. The mean
+/// squared error over its covariance, 2 if all is right, is as it was measured; the margin is smaller than the
+/// effect of sigmas that are 30 % too large or too small.
 #[test]
 fn two_objects_through_an_office_that_calibrated_itself() {
     let runs = [1, 2, 3].map(|seed| Run::office(seed, 60.0, Vec::new()));
@@ -102,7 +102,7 @@ const RMS: Range<f64> = 0.10..0.16;
 const COVERED: Range<f64> = 0.97..1.0;
 const NEES: Range<f64> = 0.65..1.4;
 
-/// An object of the scenario goes its way to and fro, and whoever reads the events has the record of it.
+/// An object of the scenario goes its way to and fro, and a reader of the events gets the record of it.
 #[test]
 fn an_object_goes_its_way_and_is_told() {
     let path = vec![[3.0, 3.0], [10.0, 4.0]];
@@ -131,7 +131,7 @@ fn an_object_goes_its_way_and_is_told() {
     });
     let walked: f64 = steps.sum();
     assert!((18.0..20.5).contains(&walked), "{walked}");
-    // What is told of it is where it is.
+    // The told places are the true ones.
     let off = run.rows.iter().filter_map(|row| {
         let (_, truth) = row.truth?;
         let ([x, y], _) = row.told?.place;
@@ -140,7 +140,7 @@ fn an_object_goes_its_way_and_is_told() {
     let off: Vec<f64> = off.collect();
     assert!(off.len() > 150, "{}", off.len());
     let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
-    // That is what was told last, at most 0.2 s ago: it has gone on by 0.1 m since, in the mean.
+    // This is the last told place, at most 0.2 s old: the object has gone on by 0.1 m since, in the mean.
     let told = tracking.rms.unwrap();
     let held = told.hypot(0.1);
     assert!(told - 0.02 < rms && rms < held + 0.02, "{rms} {tracking:?}");
@@ -159,7 +159,7 @@ fn before_one_camera(seed: u64, radius: f64) -> Tracking {
     Run::of(scenario, 40.0).tracking()
 }
 
-/// By its size, one camera tells where a ball is, and is off by as much as it says: from both sides, over
+/// By its size, one camera tells where a ball is, and its error is as large as it says: from both sides, over
 /// calibrations; a third more or less of all sigmas is outside. A ball of another size is off by far more.
 #[test]
 fn one_camera_tells_the_place_by_the_size() {

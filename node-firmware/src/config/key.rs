@@ -14,8 +14,8 @@ pub struct SiteKey {
 }
 
 impl SiteKey {
-    /// 128 random bits with an index, 1 to 255. What is no [`Key`] is refused by
-    /// [`Config::check`](super::Config::check).
+    /// 128 random bits with an index, 1 to 255. [`Config::check`](super::Config::check) refuses bits that are
+    /// no [`Key`].
     pub const fn new(index: u8, bytes: [u8; 16]) -> Self {
         Self { index, bytes }
     }
@@ -30,8 +30,7 @@ impl SiteKey {
         (self.index, &self.bytes)
     }
 
-    /// The key as the network takes it. `None` for index 0, and for bytes that nobody drew at
-    /// random.
+    /// The key as the network takes it. `None` for index 0, and for bytes that were not drawn at random.
     pub fn key(&self) -> Option<Key> {
         Key::new(self.index, self.bytes)
     }

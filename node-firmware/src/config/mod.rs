@@ -1,4 +1,4 @@
-//! What a node is told before it is switched on.
+//! Settings that a node gets before it is switched on.
 //!
 //! | module | job |
 //! |---|---|
@@ -31,8 +31,8 @@ use crate::vision::{
     pixy2,
 };
 
-/// All that a node is told, as people and pages have it: values may be out of their range.
-/// [`Config::check`] makes a [`CheckedConfig`] of it.
+/// All settings of a node, as people and pages have them: values may be out of their range. [`Config::check`]
+/// makes a [`CheckedConfig`] of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -45,14 +45,14 @@ pub struct Config {
     pub channels: u32,
     /// Transmit power, dBm.
     pub tx_power: i8,
-    /// How frames are secured.
+    /// Protection of frames.
     #[serde(with = "protection")]
     pub protection: Protection,
-    /// What the node is for.
+    /// Role of the node.
     pub role: RoleConfig,
 }
 
-/// What a node is for.
+/// Role of a node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -72,17 +72,17 @@ pub enum RoleConfig {
 pub struct CoordinatorConfig {
     /// Numbers of the nodes that may always join.
     pub allow: Vec<u16, MEMBERS>,
-    /// How long any device with the site key may join after start-up, seconds; 0: not at all.
+    /// Time after start-up in which any device with the site key may join, seconds; 0: not at all.
     pub join_window_s: u16,
-    /// How long the unit of the site is: how far objects go that are tracked is known in metres.
+    /// Length of the unit of the site: the movements of tracked objects are known in metres.
     pub metres_per_unit: f32,
-    /// Radius of these objects, in the unit of the site; 0: not known. Otherwise how wide one is seen tells its
-    /// range.
+    /// Radius of these objects, in the unit of the site; 0: not known. If it is known, the width of an object
+    /// in the picture tells its range.
     pub ball_radius: f32,
 }
 
 impl Default for CoordinatorConfig {
-    /// Only who is let in joins; the unit is the metre.
+    /// Only nodes that are let in join; the unit is the metre.
     fn default() -> Self {
         Self {
             allow: Vec::new(),
@@ -98,22 +98,22 @@ impl Default for CoordinatorConfig {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CameraConfig {
-    /// Which camera it is.
+    /// Kind of the camera.
     pub kind: CameraKind,
-    /// Which direction a column is.
+    /// Lens: directions of the columns.
     pub lens: Lens,
     /// Baud rate that the CMUcam2's jumpers select, or that is set in the Pixy2.
     pub baud: u32,
     /// Number of the first column in the CMUcam2's packets, 0 or 1. Nothing to a Pixy2.
     pub first_column: u8,
-    /// What the target looks like.
+    /// Appearance of the target.
     pub subjects: Subjects,
-    /// Whether a target of a colour is a ball: a blob that is narrower than tall is then partly
+    /// True if a target of a colour is a ball: a blob that is narrower than tall is then partly
     /// hidden.
     pub round: bool,
     /// The duty of a configured reference camera.
     pub reference: Option<Reference>,
-    /// Whether it may become a reference when none is configured (trigger or helper).
+    /// True if it may become a reference when none is configured (trigger or helper).
     pub may_be_elected: bool,
     /// Distance of the two reference cameras, if it is known.
     pub baseline: Option<f32>,
@@ -125,7 +125,7 @@ pub struct CameraConfig {
     pub reference_stops: u8,
     /// Stops at which it wants to see the target, at least 3.
     pub stops: u8,
-    /// Whether it goes on refining its pose after these.
+    /// True if it goes on refining its pose after these.
     pub refine: bool,
     /// The pose is good enough when both predicted sigmas are within these, and no more stops are
     /// wanted.
@@ -194,7 +194,7 @@ impl SurveySigma {
     };
 }
 
-/// How sure a pose is.
+/// Standard deviations of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -215,7 +215,7 @@ impl Sigmas {
     }
 }
 
-/// What the target looks like to a camera.
+/// Appearance of the target to a camera.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -246,7 +246,7 @@ impl Subjects {
         sum.sum()
     }
 
-    /// Whether a colour can get this number: they are numbered without gaps.
+    /// Returns true if a colour can get this number: they are numbered without gaps.
     pub(crate) fn has_room_for(&self, colour: u8) -> bool {
         let place = usize::from(colour);
         matches!(self, Self::Colours(windows) if place <= windows.len() && place < COLOURS_MAX)
@@ -262,8 +262,8 @@ impl Subjects {
         }
     }
 
-    /// What to look for when a target of this colour number stands somewhere. `None` for a colour
-    /// that is not known here.
+    /// The subject to look for when a target of this colour number stands somewhere. `None` for a colour that
+    /// is not known here.
     pub fn of_target(&self, colour: u8) -> Option<Subject> {
         match self {
             Self::Colours(windows) => windows
@@ -291,17 +291,17 @@ pub struct TargetConfig {
     pub systematic_heading_deg: f32,
     /// Standard deviation of the step sensor's constant error of distance, as a share of it.
     pub systematic_scale: f32,
-    /// How still it stands: standard deviation of its place during a stop, each axis.
+    /// Standing sigma: standard deviation of its place during a stop, each axis.
     pub standing_sigma: f32,
-    /// Radius of the ball that cameras see, in the unit of the site; 0: not known. How wide it is in
-    /// a picture then tells how far away it is.
+    /// Radius of the ball that cameras see, in the unit of the site; 0: not known. Its width in a picture
+    /// then tells its distance.
     pub ball_radius: f32,
     /// The least time of a stop, milliseconds.
     pub dwell_least_ms: u32,
-    /// The most time of a stop, milliseconds: then it may walk on, whoever has not answered.
+    /// The most time of a stop, milliseconds: then it may walk on, even if cameras have not answered.
     pub dwell_most_ms: u32,
-    /// Whether it goes over to the network of the site that it hears best, when no camera of its own saw
-    /// it at a stop.
+    /// True if it goes over to the network of the site that it hears best, when no camera of its own saw it
+    /// at a stop.
     pub roams: bool,
     /// How well the cameras' lenses are known.
     pub lens_sigma: LensSigma,
@@ -311,13 +311,13 @@ pub struct TargetConfig {
     pub sensor: SensorConfig,
 }
 
-/// What an inertial step sensor and its carrier are like, see [`steps`](crate::steps).
+/// Properties of an inertial step sensor and its carrier, see [`steps`](crate::steps).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorConfig {
-    /// What the compass reads too much on each of its axes, uT: what is magnetic on the breakout and
-    /// on its carrier, worn as it is when walking.
+    /// Excess of the compass reading on each of its axes, uT: the magnetism of the breakout and of its
+    /// carrier, worn as it is when walking.
     pub hard_iron: [f32; 3],
     /// `K` of [`StepLength`](pedestrian::StepLength): the carrier's step length, in
     /// the unit of the site over (m/s^2)^(1/4).
@@ -365,7 +365,7 @@ impl CameraConfig {
         }
     }
 
-    /// What the CMUcam2 is told.
+    /// Settings of the CMUcam2.
     pub const fn cmucam2(&self) -> Cmucam2Settings {
         Cmucam2Settings {
             first_column: self.first_column,
@@ -373,7 +373,7 @@ impl CameraConfig {
         }
     }
 
-    /// Who judges what it sees through the optics of its lens.
+    /// The judge of the camera's frames, through the optics of its lens.
     pub fn judge(&self, optics: Camera<f32>) -> Judge {
         let patience = Patience {
             sigma_floor: self.sigma_floor_px,
@@ -426,11 +426,11 @@ impl Default for SensorConfig {
 }
 
 impl Config {
-    /// Whose facts the [memory](crate::facts) may hold: a number that changes with the site, the
-    /// node's number and role, and with whatever of a camera gives its sightings and its frame their
-    /// meaning. What was learnt before such a change would be false after it: addresses are those
-    /// of another site, bearings those of another lens. That a node became a member of another
-    /// network of the same site is not seen here: the memory is [begun
+    /// Number of the owner of the facts that the [memory](crate::facts) may hold. It changes with the site,
+    /// the node's number and role, and with the parts of a camera's configuration that give its sightings and
+    /// its frame their meaning. Facts learnt before such a change would be false after it: addresses are
+    /// those of another site, bearings those of another lens. The number does not show that a node became a
+    /// member of another network of the same site: the memory is [begun
     /// anew](crate::facts::FactStore::forget) where a membership becomes void.
     pub fn owner(&self) -> u32 {
         // No configuration has this number.

@@ -1,21 +1,21 @@
-//! What is the matter with a node itself.
+//! Health of a node.
 
 use serde::{Deserialize, Serialize};
 
-/// How a node is: told to the coordinator, and by it to the PC. The default is a node that is well, of
-/// which nothing is told.
+/// Health of a node: told to the coordinator, and by it to the PC. The default is a healthy node, of which
+/// nothing is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Health {
-    /// Where it remembers things.
+    /// Memory of its facts.
     pub memory: Memory,
-    /// Whether its camera serves.
+    /// State of its camera.
     pub camera: Eye,
-    /// Why it started last.
+    /// Reason of its last start.
     pub restart: Restart,
 }
 
-/// Where a node remembers things.
+/// Memory of a node's facts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -27,7 +27,7 @@ pub enum Memory {
     Ram,
 }
 
-/// Whether a camera serves.
+/// State of a node's camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -41,15 +41,15 @@ pub enum Eye {
     Failed,
 }
 
-/// Why a node started.
+/// Reason why a node started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Restart {
-    /// It was switched on or reset by somebody, or nobody knows.
+    /// It was switched on or reset, or the reason is not known.
     #[default]
     Ordinary,
-    /// It had heard others, and heard nothing any more though it sent.
+    /// It had heard others, and then heard nothing any more though it sent.
     RadioDeaf,
     /// A transmission did not end.
     RadioStuck,

@@ -1,4 +1,4 @@
-//! What nodes tell each other: one postcard-encoded [`Message`] in each secured frame.
+//! Messages between nodes: one postcard-encoded [`Message`] in each secured frame.
 //!
 //! Numbers of variants are the wire format. Variants are never changed or reordered, only added at
 //! the end; a node that does not know one counts and ignores it.
@@ -47,17 +47,17 @@ pub type StopNumber = u16;
 /// A member's [`ShortAddress`] as it travels: its number.
 pub type MemberAddress = u16;
 
-/// What one secured frame carries.
+/// Contents of one secured frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Message {
     /// A member presents itself to the coordinator, after joining and when asked.
     Hello(Hello),
-    /// The coordinator asks everybody but these, or one, for [`Message::Hello`] and [`Message::Report`].
+    /// The coordinator asks all members but these, or one, for [`Message::Hello`] and [`Message::Report`].
     WhoIsThere(heapless::Vec<MemberAddress, ROSTER>),
-    /// The coordinator tells a target which cameras there are: these, and those of other such messages.
+    /// The coordinator tells a target the cameras: these, and those of other such messages.
     Roster(heapless::Vec<MemberAddress, ROSTER>),
-    /// The coordinator tells reference cameras, and those that were, who they are.
+    /// The coordinator tells reference cameras, and former ones, which cameras the references are.
     References(References),
     /// A target stands.
     Stopped(Stopped),
@@ -70,43 +70,43 @@ pub enum Message {
         /// At which of its stops.
         stop: StopNumber,
     },
-    /// What a camera saw at a stop of which the target does not know the place: to the first
-    /// reference camera, or, from a camera that knows its own pose, to the target.
+    /// A camera's bearing at a stop of which the target does not know the place: to the first reference
+    /// camera, or, from a camera that knows its own pose, to the target.
     Bearing(StopBearing),
-    /// The first reference camera tells a target where it stands.
+    /// The first reference camera tells a target its place.
     Located(TargetLocation),
-    /// What somebody else solved for a camera: the first reference camera for the second one, or a
-    /// target, from all that was measured, for each one that it knows.
+    /// A pose that another node solved for a camera: the first reference camera for the second one, or a
+    /// target, from all measurements, for each camera that it knows.
     Posed(Report),
-    /// A camera tells how far it is: to the coordinator and to targets.
+    /// A camera tells its status: to the coordinator and to targets.
     Report(Report),
-    /// The coordinator wants something done by a camera.
+    /// The coordinator gives a command to a camera.
     Command(CameraCommand),
-    /// What came of a [`CameraCommand`].
+    /// Result of a [`CameraCommand`].
     Done(CommandResult),
-    /// What a camera that tracks for the coordinator sees now.
+    /// Present look of a camera that tracks for the coordinator.
     Tracked(Tracked),
     /// The coordinator asks a camera for [`Message::Sighting`]s.
     Sightings,
     /// One sighting of a camera.
     Sighting(ListedSighting),
-    /// To everybody: whose looks at a stop came while the target still stood there.
+    /// To all: names the cameras whose looks at a stop came while the target still stood there.
     Confirmed(Confirmation),
-    /// A member tells the coordinator what is the matter with itself, after its [`Message::Hello`], which
-    /// says that nothing is.
+    /// A member tells the coordinator its health, after its [`Message::Hello`], which says that it is
+    /// healthy.
     Health(Health),
 }
 
-/// What a member is.
+/// Kind of a member.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MemberKind {
-    /// It looks at targets, and finds out where it stands itself.
+    /// It looks at targets, and finds its own pose.
     Camera {
         /// Its duty as a reference, if one is configured.
         reference: Option<Reference>,
     },
-    /// It walks, and tells cameras where it stands.
+    /// It walks, and tells cameras its place.
     Target,
 }
 
@@ -115,21 +115,21 @@ pub enum MemberKind {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reference {
-    /// Which of the two.
+    /// Its duty as first or second.
     pub duty: Duty,
-    /// Where it stands: x and y, if that is known. Of both, it fixes the frame of the site. Of one
-    /// or none, the first one is the origin and the second one on the x axis.
+    /// Its position, x and y, if that is known. The positions of both fix the frame of the site. With one or
+    /// none, the first one is the origin and the second one on the x axis.
     pub position: Option<[f32; 2]>,
 }
 
 impl Reference {
-    /// Whether the position, if told, is finite.
+    /// Returns true if the position, if told, is finite.
     pub fn is_usable(&self) -> bool {
         all_finite(self.position.iter().flatten())
     }
 }
 
-/// Which of the two reference cameras.
+/// Duty of each of the two reference cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -146,7 +146,7 @@ pub enum Duty {
 pub struct Hello {
     /// The number by which people know the node.
     pub id: u16,
-    /// What it is.
+    /// Kind of the member.
     pub kind: MemberKind,
 }
 
@@ -157,22 +157,22 @@ pub struct Hello {
 pub struct References {
     /// Address of the one that solves.
     pub first: MemberAddress,
-    /// Address of the one that tells the first what it saw.
+    /// Address of the one that tells the first its bearings.
     pub second: MemberAddress,
-    /// Where they stand, if both were told: this fixes the frame of the site. If not, the first
-    /// one is its origin and the second one on its x axis.
+    /// Their positions, if both were told: these fix the frame of the site. If not, the first one is its
+    /// origin and the second one on its x axis.
     pub positions: Option<[[f32; 2]; 2]>,
 }
 
 impl References {
-    /// There are none any more: who sees a target that does not know its place may become one.
+    /// There are none any more: a camera that sees a target that does not know its place may become one.
     pub const NONE: Self = Self {
         first: 0,
         second: 0,
         positions: None,
     };
 
-    /// Whether these are two cameras.
+    /// Returns true if these are two cameras.
     pub const fn are_two(&self) -> bool {
         self.first != self.second
     }
@@ -198,16 +198,16 @@ pub type SitePlace = ([f32; 2], [f32; 3]);
 pub struct Stopped {
     /// Number of the stop.
     pub stop: StopNumber,
-    /// Which of the cameras' colours the target wears.
+    /// The one of the cameras' colours that the target wears.
     pub colour: u8,
-    /// What `place` refers to.
+    /// Frame of `place`.
     pub frame: CoordinateFrame,
-    /// Where. Its numbers are checked when it is decoded.
+    /// Place of the target. Its numbers are checked when it is decoded.
     pub place: Place<f32>,
 }
 
 impl Stopped {
-    /// Where, if the target knows it.
+    /// Place of the target, if it knows it.
     pub fn told(&self) -> Option<SitePlace> {
         let (place, covariance) = (self.place.position(), self.place.covariance());
         (self.frame == CoordinateFrame::Site).then_some((
@@ -217,12 +217,12 @@ impl Stopped {
     }
 }
 
-/// What a place refers to.
+/// Frame of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinateFrame {
-    /// Only to other stops of this target with the same [`fix`](calib_core::dead_reckoning::PlaceParts::fix): the target does not
-    /// know where it is.
+    /// Only to other stops of this target with the same [`fix`](calib_core::dead_reckoning::PlaceParts::fix):
+    /// the target does not know where it is.
     Own,
     /// To the site, the frame of the reference cameras.
     Site,
@@ -230,21 +230,21 @@ pub enum CoordinateFrame {
 
 /// A target heard that these cameras saw it at a stop, while it stood there.
 ///
-/// A camera makes nothing of what it saw before: a [`Stopped`] says where the target stood when it was
-/// sent, and it may have been on its way for long.
+/// A camera does not use its looks from before: a [`Stopped`] says where the target stood when it was sent,
+/// and it may have been on its way for long.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Confirmation {
     /// Number of the stop.
     pub stop: StopNumber,
-    /// Who saw it: of more than it has room for the last ones. Who saw it too repeats its answer.
+    /// Cameras that saw it: the last ones if there is no room for all. The others repeat their answers.
     pub seen_by: heapless::Vec<MemberAddress, CONFIRMED>,
 }
 
 /// Cameras in one [`Confirmation`].
 pub const CONFIRMED: usize = 24;
 
-/// What a camera saw at a stop.
+/// Result of a camera's look at a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sight {
@@ -264,16 +264,16 @@ pub enum Sight {
     NotReady,
 }
 
-/// A camera's answer to a stop. That of a camera that saw the target is repeated until it is
-/// [confirmed](Confirmation). The link does not acknowledge that it is not in view.
+/// A camera's answer to a stop. A camera that saw the target repeats it until it is
+/// [confirmed](Confirmation). The link does not acknowledge an answer that it is not in view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopAnswer {
     /// Number of the stop.
     pub stop: StopNumber,
-    /// What was seen.
+    /// Result of the look.
     pub sight: Sight,
-    /// Where, of a target [in view](Sight::InView).
+    /// Direction of a target [in view](Sight::InView).
     pub seen: Option<Seen>,
     /// Sightings the camera has now.
     pub counted: u8,
@@ -281,18 +281,18 @@ pub struct StopAnswer {
     pub done: bool,
 }
 
-/// What [`Seen::half_width`] counts in, radians.
+/// Unit of [`Seen::half_width`], radians.
 const HALF_WIDTH_UNIT: f32 = 1e-4;
 
-/// Standard deviation of a range by what no frame shows, as a share of it: how well the ball's size and
-/// the camera's focal length are known, and where a colour begins.
+/// Standard deviation of a range by errors that no frame shows, as a share of it: the uncertainty of the
+/// ball's size, of the camera's focal length, and of the place where a colour begins.
 const SIZE_SHARE: f32 = 0.03;
 
 /// A range whose standard deviation is a larger share of it is none: its error would be lopsided.
 pub const RANGE_LIMIT: f32 = 0.1;
 
-/// A direction with its sigma, radians; positive to the left of the optical axis. And how wide the
-/// target is there.
+/// A direction with its sigma, radians; positive to the left of the optical axis. And the width of the target
+/// there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -301,14 +301,13 @@ pub struct Seen {
     pub bearing: f32,
     /// Its standard deviation, radians, above zero.
     pub sigma: f32,
-    /// Half the angle that the target is wide, tenths of a milliradian; 0: not known. Its standard
-    /// deviation is that of the bearing: one is half the sum, the other half the difference of two
-    /// edges.
+    /// Half the angular width of the target, tenths of a milliradian; 0: not known. Its standard deviation is
+    /// that of the bearing: one is half the sum, the other half the difference of two edges.
     pub half_width: u16,
 }
 
 impl Seen {
-    /// A direction, of a target of which it is not known how wide it is.
+    /// A direction of a target of unknown width.
     pub const fn direction(bearing: f32, sigma: f32) -> Self {
         Self {
             bearing,
@@ -317,24 +316,24 @@ impl Seen {
         }
     }
 
-    /// The same of a target whose edges are so far from its middle, radians.
+    /// The same for a target whose edges are so far from its middle, radians.
     pub fn wide(self, half_width: f32) -> Self {
         Self {
-            // The conversion saturates, and what is not a number is 0.
+            // The conversion saturates, and a value that is not a number becomes 0.
             half_width: (half_width / HALF_WIDTH_UNIT + 0.5) as u16,
             ..self
         }
     }
 
-    /// Half the angle that it is wide, radians; 0: not known.
+    /// Half its angular width, radians; 0: not known.
     pub fn half_angle(&self) -> f32 {
         f32::from(self.half_width) * HALF_WIDTH_UNIT
     }
 
-    /// How far away a ball of this radius is that is seen so, and the standard deviation of that, both
-    /// in the unit of the radius: `r / sin a` (thesis 5.2 asks for the size as a measurement). `None` if
-    /// it is not known how wide it is, or not well enough to tell its range within [`RANGE_LIMIT`]; the
-    /// ray from the edge to the eye touches the ball at a right angle wherever the ball is in view.
+    /// Distance of a ball of this radius that is seen so, and its standard deviation, both in the unit of the
+    /// radius: `r / sin a` (thesis 5.2 asks for the size as a measurement). `None` if its width is not known,
+    /// or not well enough to tell its range within [`RANGE_LIMIT`]; the ray from the edge to the eye touches
+    /// the ball at a right angle wherever the ball is in view.
     pub fn range(&self, radius: f32) -> Option<(f32, f32)> {
         let half_width = self.half_angle();
         let (sine, cosine) = Real::sine_cosine(half_width);
@@ -354,13 +353,13 @@ impl Seen {
         Ray::from_bearing(self.bearing)
     }
 
-    /// Whether both numbers are finite and the sigma is above zero.
+    /// Returns true if both numbers are finite and the sigma is above zero.
     pub fn is_usable(&self) -> bool {
         self.bearing.is_finite() && self.sigma.is_finite() && self.sigma > 0.0
     }
 }
 
-/// What a camera saw of a target that does not know its place.
+/// A camera's sighting of a target that does not know its place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopBearing {
@@ -368,13 +367,13 @@ pub struct StopBearing {
     pub target: MemberAddress,
     /// At which of its stops.
     pub stop: StopNumber,
-    /// Where the camera saw it.
+    /// Direction in which the camera saw it.
     pub seen: Seen,
     /// The camera's own pose, if it has one.
     pub pose: Option<PoseParts>,
 }
 
-/// Where a target stood.
+/// Place where a target stood.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -404,7 +403,7 @@ pub struct PoseParts {
     pub covariance: [f32; 6],
 }
 
-/// How far a camera is.
+/// Status of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -421,15 +420,15 @@ pub struct Report {
     pub chi_squared: f32,
     /// It needs no more stops.
     pub done: bool,
-    /// A target solved the pose, together with all that was measured in the network: what one wrong
-    /// measurement that nobody noticed could do to it.
+    /// A target solved the pose, together with all measurements of the network: the possible effect of one
+    /// wrong measurement that no test noticed.
     pub joint: Option<ProtectionLevel>,
-    /// What it knows.
+    /// State of the camera's knowledge.
     pub state: CameraState,
 }
 
-/// How far a pose may be off although one of the measurements that it rests on is wrong and nobody
-/// noticed. The largest number there is where nothing checks one of them.
+/// Bound on the error of a pose although one of the measurements that it rests on is wrong and no test
+/// noticed it. The largest number there is where nothing checks one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ProtectionLevel {
@@ -446,7 +445,7 @@ impl ProtectionLevel {
         heading: f32::MAX,
     };
 
-    /// Whether both numbers are finite and not below zero.
+    /// Returns true if both numbers are finite and not below zero.
     pub fn is_usable(&self) -> bool {
         all_finite([&self.position, &self.heading]) && self.position >= 0.0 && self.heading >= 0.0
     }
@@ -464,7 +463,7 @@ impl From<ProtectionLevels<f32>> for ProtectionLevel {
     }
 }
 
-/// What a camera knows about itself: a [`Status`], and what belongs to it.
+/// Knowledge of a camera about itself: a [`Status`], and its data.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CameraState {
@@ -502,7 +501,7 @@ impl FittingLens {
         })
     }
 
-    /// How it spreads directions.
+    /// Projection of the lens.
     pub const fn projection(self) -> Projection {
         if self.0 & Self::EQUAL_ANGLE == 0 {
             Projection::PinHole
@@ -551,7 +550,7 @@ impl CameraState {
         }
     }
 
-    /// What it comes to.
+    /// Status of the camera.
     pub const fn status(&self) -> Status {
         match self {
             Self::Waiting => Status::Waiting,
@@ -562,7 +561,7 @@ impl CameraState {
         }
     }
 
-    /// Why there is no pose, if it was refused.
+    /// Reason why there is no pose, if it was refused.
     pub const fn refusal(&self) -> Option<Refusal> {
         match self {
             Self::Refused(refusal) => Some(*refusal),
@@ -591,14 +590,14 @@ impl CameraState {
 }
 
 impl Report {
-    /// Whether chi squared is finite and not below zero.
+    /// Returns true if chi squared is finite and not below zero.
     pub fn is_usable(&self) -> bool {
         self.chi_squared.is_finite()
             && self.chi_squared >= 0.0
             && self.joint.is_none_or(|level| level.is_usable())
     }
 
-    /// What the camera's pose is worth, or why there is none.
+    /// Worth of the camera's pose, or the reason why there is none.
     pub const fn status(&self) -> Status {
         self.state.status()
     }
@@ -609,7 +608,7 @@ impl Report {
     }
 }
 
-/// What the coordinator wants a camera to do, as the thesis's PC program did (Appendix A).
+/// Commands of the coordinator to a camera, as those of the thesis's PC program (Appendix A).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CameraCommand {
@@ -617,7 +616,7 @@ pub enum CameraCommand {
     Initialise,
     /// "Object kept": learn the colour of the object in the middle of the view.
     LearnColour {
-        /// Which of the colours it becomes.
+        /// Number of the colour that it becomes.
         colour: u8,
     },
     /// Take the present view as the background, for finding what differs.
@@ -633,13 +632,13 @@ pub enum CameraCommand {
     Forget,
 }
 
-/// What came of a command.
+/// Result of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CommandResult {
-    /// What was asked for.
+    /// The command.
     pub command: CameraCommand,
-    /// Whether it was carried out.
+    /// Its outcome.
     pub outcome: CommandOutcome,
 }
 
@@ -653,20 +652,20 @@ pub struct TrackedBlob {
     pub edges: [u16; 4],
     /// Pixels, as the camera counts them; 0 if it does not tell.
     pub pixels: u8,
-    /// How much of the rectangle the blob fills, as the camera tells it: 256 times the share, at
+    /// Share of the rectangle that the blob fills, as the camera tells it: 256 times the share, at
     /// most 255; 0 if it does not tell.
     pub confidence: u8,
 }
 
-/// What a camera that tracks sees in one frame.
+/// View of a camera that tracks, in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tracked {
     /// The blob, as the camera told it.
     pub blob: TrackedBlob,
-    /// How long ago that was when this was sent, milliseconds.
+    /// Age of the blob when this was sent, milliseconds.
     pub age_ms: u16,
-    /// In which direction, unless nothing is in view, or a part of it only.
+    /// Its direction, unless nothing is in view, or only a part of it.
     pub seen: Option<Seen>,
     /// It is wider than an object of its height: there may be several in it.
     pub is_wide: bool,
@@ -679,21 +678,21 @@ pub struct Tracked {
 pub struct ListedSighting {
     /// Its number among the camera's.
     pub index: u8,
-    /// How many the camera has.
+    /// Number of all sightings of the camera.
     pub count: u8,
     /// Address of the target.
     pub target: MemberAddress,
     /// At which of its stops.
     pub stop: StopNumber,
-    /// Where the target said it stood.
+    /// Place where the target said that it stood.
     pub position: [f32; 2],
-    /// How sure that was: standard deviation of x and y together.
+    /// Standard deviation of that place, x and y together.
     pub position_sigma: f32,
-    /// Where the camera saw it.
+    /// Direction in which the camera saw it.
     pub seen: Seen,
 }
 
-/// What is decoded is sound, here and in the memory: whoever has it need not doubt its numbers.
+/// Decoded values are sound, here and in the memory: their users need not doubt the numbers.
 macro_rules! sound {
     ($($type:ident),+ $(,)?) => {$(
         impl Serialize for $type {
@@ -736,14 +735,14 @@ pub(crate) fn triangle(matrix: &Matrix2<f32>) -> [f32; 3] {
 }
 
 impl References {
-    /// Whether the positions, if told, are finite.
+    /// Returns true if the positions, if told, are finite.
     pub fn is_usable(&self) -> bool {
         all_finite(self.positions.iter().flatten().flatten())
     }
 }
 
 impl TargetLocation {
-    /// Whether the numbers are finite and the sigma is not below zero.
+    /// Returns true if the numbers are finite and the sigma is not below zero.
     pub fn is_usable(&self) -> bool {
         let angles = [self.frame_heading, self.frame_heading_sigma];
         all_finite(self.position.iter().chain(&self.covariance).chain(&angles))
@@ -752,14 +751,14 @@ impl TargetLocation {
 }
 
 impl ListedSighting {
-    /// Whether the numbers are finite and the sigma is not below zero.
+    /// Returns true if the numbers are finite and the sigma is not below zero.
     pub fn is_usable(&self) -> bool {
         all_finite(self.position.iter().chain([&self.position_sigma])) && self.position_sigma >= 0.0
     }
 }
 
 impl PoseParts {
-    /// Whether the numbers are a pose's.
+    /// Returns true if the numbers are a pose's.
     pub fn is_usable(&self) -> bool {
         self.pose().is_some()
     }

@@ -1,4 +1,4 @@
-//! What came of a command.
+//! Outcome of a command.
 
 use core::fmt;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::vision::BackgroundShare;
 
-/// Whether a command was carried out, or why not.
+/// Outcome of a command: carried out, or the reason why not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CommandOutcome {
@@ -21,12 +21,12 @@ pub enum CommandOutcome {
 }
 
 impl CommandOutcome {
-    /// One of which nothing more is to be said.
+    /// An outcome without details.
     pub const fn of(success: bool) -> Self {
         if success { Self::Done } else { Self::Failed }
     }
 
-    /// Whether it was carried out.
+    /// Returns true if it was carried out.
     pub const fn is_success(self) -> bool {
         matches!(self, Self::Done | Self::Learnt(_))
     }

@@ -19,12 +19,12 @@ impl LastNetwork {
         self.0 = Some(network);
     }
 
-    /// The node joined, or goes on, as this: whether that is another network than the last one.
-    /// Addresses are then those of others, and so is what was learnt of them.
+    /// The node joined, or goes on, as this: returns true if that is another network than the last one.
+    /// Addresses are then those of others, and so are the facts about them.
     ///
-    /// The founder alone does not tell: its board may have been provisioned anew, and have given
-    /// addresses anew. Nor does the number: a founder may change it. But then its members
-    /// are attached all the time. Who was not, and finds another one, had better begin anew.
+    /// The founder alone does not tell: its board may have been provisioned anew, and have given addresses
+    /// anew. Nor does the number: a founder may change it. But then its members are attached all the time. A
+    /// node that was not, and finds another number, had better begin anew.
     pub(crate) fn on_attached(
         &mut self,
         was_attached: bool,

@@ -1,8 +1,8 @@
-//! What nodes do: coordinator, camera, moving target.
+//! Roles of nodes: coordinator, camera, moving target.
 //!
-//! A role is a state machine without input or output. What happens is told to it with the time;
-//! what it wants is asked from it, until it wants nothing more. [`run`](crate::run) connects it to
-//! radio, flash and devices; tests connect roles to each other.
+//! A role is a state machine without input or output. It is told events with the time, and asked for its
+//! outputs until it has none. [`run`](crate::run) connects it to radio, flash and devices; tests connect
+//! roles to each other.
 
 mod last_network;
 mod notifications;
@@ -39,11 +39,11 @@ pub const COORDINATOR: ShortAddress = ShortAddress(0);
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
 pub enum Output<Notification, Task> {
-    /// Send a message. With a `notification`, tell what became of it: [`Role::on_sent`].
+    /// Send a message. With a `notification`, report its delivery: [`Role::on_sent`].
     Send {
         /// The receiver, or [`ShortAddress::BROADCAST`].
         to: ShortAddress,
-        /// What it is told.
+        /// The message.
         message: Message,
         /// Handed back with the result.
         notification: Option<Notification>,
@@ -58,9 +58,9 @@ pub enum Output<Notification, Task> {
 pub trait Role {
     /// Names a message of which the role must know whether it was delivered.
     type Notification: Copy;
-    /// What the devices of this role are asked to do.
+    /// Task of the devices of this role.
     type Task;
-    /// What they tell.
+    /// Event of these devices.
     type Event;
 
     /// Takes a fact that was written down before a restart. Called before all others.
@@ -78,21 +78,21 @@ pub trait Role {
     /// A device told something.
     fn on_event(&mut self, now: Instant, event: Self::Event);
 
-    /// Where the node remembers things from now on, and why it started. Called after
+    /// The memory of the node's facts from now on, and the reason of its start. Called after
     /// [`restore`](Self::restore), and again when the flash fails.
     fn on_node(&mut self, now: Instant, memory: Memory, restart: Restart);
 
-    /// Computes what needs time and stack. Call it after the others and before [`poll`](Self::poll),
+    /// Does computations that need time and stack. Call it after the others and before [`poll`](Self::poll),
     /// from where little of the stack is in use.
     fn compute(&mut self, _now: Instant) {}
 
-    /// What is to be done next. Call it until it returns `None`.
+    /// The next output. Call it until it returns `None`.
     fn poll(&mut self, now: Instant) -> Option<Output<Self::Notification, Self::Task>>;
 
     /// When to call [`poll`](Self::poll) again, if nothing happens before.
     fn next_deadline(&self) -> Option<Instant>;
 
-    /// What the lamps show.
+    /// State of the lamps.
     fn indication(&self) -> Indication;
 }
 

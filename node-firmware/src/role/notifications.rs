@@ -1,32 +1,32 @@
-//! Promises to tell somebody something. Each is kept until its message is delivered.
+//! Promises to tell a receiver something. Each is kept until its message is delivered.
 //!
-//! A role names what it may have to tell with an enum, its [`Notification`]. It promises a message
-//! with [`notify`](Notifications::notify), builds it from what it knows when
-//! [`take_due`](Notifications::take_due) says that it is time, and hands back what became of it:
-//! [`on_sent`](Notifications::on_sent). So what is told is never out of date, and a message that
-//! must be told is one variant of that enum, and one arm where it is built.
+//! A role names the messages that it may have to tell with an enum, its [`Notification`]. It promises a
+//! message with [`notify`](Notifications::notify), builds it from its present knowledge when
+//! [`take_due`](Notifications::take_due) says that it is time, and hands back the result:
+//! [`on_sent`](Notifications::on_sent). So no message is out of date, and a message that must be told is one
+//! variant of that enum, and one arm where it is built.
 
 use core::time::Duration;
 
 use zigbee_link::Instant;
 
 /// After this a message that was not delivered is sent again. Doubled with each failure, up to
-/// [`RETRY_DOUBLINGS`] times: somebody who is away costs little airtime.
+/// [`RETRY_DOUBLINGS`] times: a receiver that is away costs little airtime.
 pub(crate) const RETRY: Duration = Duration::from_secs(2);
 
 /// From 2 s to 32 s.
 const RETRY_DOUBLINGS: u8 = 4;
 
-/// The name of a message that a role may have to tell, and to whom.
+/// The name of a message that a role may have to tell, and of its receiver.
 pub(crate) trait Notification: Copy + PartialEq {
-    /// Of those that are due the lowest is sent first, and of equal ones what was promised first.
+    /// The lowest one that is due is sent first; among equals, the one that was promised first.
     fn priority(self) -> u8;
 }
 
 /// Promises that are not kept yet, each once, at most `N`.
 ///
-/// `N` is the number of different messages that the role may have to tell at a time. A promise more
-/// would be lost, and none that was given before.
+/// `N` is the number of different messages that the role may have to tell at a time. One more promise would
+/// be lost, and none of the earlier ones.
 #[derive(Clone, Debug)]
 pub(crate) struct Notifications<K, const N: usize> {
     pending: heapless::Vec<Pending<K>, N>,
@@ -38,11 +38,11 @@ struct Pending<K> {
     delivery: Delivery,
 }
 
-/// How far the delivery of one message is.
+/// Progress of the delivery of one message.
 #[derive(Clone, Copy, Debug)]
 struct Delivery {
     phase: Phase,
-    /// So often in a row it was not delivered.
+    /// Number of failures in a row.
     failures: u8,
     /// Not to be sent before.
     due: Instant,
@@ -52,7 +52,7 @@ struct Delivery {
 enum Phase {
     /// Waits for its time.
     Due,
-    /// Sent; what became of it is not known yet.
+    /// Sent; the result is not known yet.
     InFlight,
     /// In flight, but there is something newer to tell already.
     Superseded,
@@ -73,7 +73,7 @@ impl<K, const N: usize> Notifications<K, N> {
 }
 
 impl<K: Notification, const N: usize> Notifications<K, N> {
-    /// There is something new to tell, from this time on. What is in flight is told again.
+    /// There is something new to tell, from this time on. A message in flight is told again.
     pub(crate) fn notify(&mut self, key: K, due: Instant) {
         if let Some(known) = self.find(key) {
             known.supersede(due);
@@ -88,7 +88,7 @@ impl<K: Notification, const N: usize> Notifications<K, N> {
         debug_assert!(has_room, "more to tell than there are messages");
     }
 
-    /// What to send now, if anything is due. It counts as in flight then.
+    /// The message to send now, if any is due. It counts as in flight then.
     pub(crate) fn take_due(&mut self, now: Instant) -> Option<K> {
         let pending = self.pending.iter_mut();
         let due = pending.filter(|pending| pending.delivery.is_due(now));
@@ -106,7 +106,7 @@ impl<K: Notification, const N: usize> Notifications<K, N> {
         }
     }
 
-    /// When something is due next.
+    /// Time when something is due next.
     pub(crate) fn next_due(&self) -> Option<Instant> {
         let waiting = self.pending.iter().map(|pending| pending.delivery);
         waiting
@@ -115,7 +115,7 @@ impl<K: Notification, const N: usize> Notifications<K, N> {
             .min()
     }
 
-    /// Whether this was promised and is not known to be delivered.
+    /// Returns true if this was promised and is not known to be delivered.
     pub(crate) fn is_pending(&self, key: K) -> bool {
         self.pending.iter().any(|pending| pending.key == key)
     }
@@ -150,7 +150,7 @@ impl Delivery {
         }
     }
 
-    /// Whether there is nothing to tell any more.
+    /// Returns true if there is nothing to tell any more.
     // for less flash
     #[inline(never)]
     fn on_sent(&mut self, now: Instant, delivered: bool) -> bool {
@@ -231,7 +231,7 @@ mod tests {
             told.notify(Told::First, at(0));
             assert_eq!(told.take_due(at(0)), Some(Told::First));
             told.notify(Told::First, at(5));
-            // Only when it is known what became of the old.
+            // Only when the result of the old one is known.
             assert_eq!((told.next_due(), told.take_due(at(6))), (None, None));
             told.on_sent(Told::First, at(3), delivered);
             assert_eq!(told.next_due(), Some(at(5)));

@@ -5,9 +5,8 @@ use zigbee_link::{Instant, wire::ShortAddress};
 use super::Output;
 use crate::{log::debug, message::Message};
 
-/// Answers and other messages that are sent once, each when it is due. Who misses one asks again:
-/// what has to be told until it is delivered is one of the
-/// [`Notifications`](super::Notifications).
+/// Answers and other messages that are sent once, each when it is due. A node that misses one asks again: a
+/// message that has to be told until it is delivered is one of the [`Notifications`](super::Notifications).
 #[derive(Clone, Debug)]
 pub(crate) struct Outbox<Notification, const N: usize> {
     queue: heapless::Vec<Queued<Notification>, N>,
@@ -28,7 +27,7 @@ impl<Notification, const N: usize> Outbox<Notification, N> {
         }
     }
 
-    /// `false` if there is no room: the message is lost, and whoever waits for it asks again.
+    /// `false` if there is no room: the message is lost, and the node that waits for it asks again.
     pub(crate) fn push(
         &mut self,
         due: Instant,
@@ -60,7 +59,7 @@ impl<Notification, const N: usize> Outbox<Notification, N> {
         })
     }
 
-    /// When the next one is due.
+    /// Time when the next one is due.
     pub(crate) fn next_due(&self) -> Option<Instant> {
         self.queue.iter().map(|queued| queued.due).min()
     }

@@ -1,4 +1,4 @@
-//! What members told of themselves: a table that is written down.
+//! Reports of members: a table that is written down.
 
 use calib_core::{Pose, angle};
 
@@ -9,13 +9,13 @@ use crate::{
     message::{MemberAddress, PoseParts, Report},
 };
 
-/// A member: its report, and what else is known of it.
+/// A member: its report, and further knowledge about it.
 #[derive(Clone, Debug)]
 pub(crate) struct Member<T> {
     pub(crate) address: MemberAddress,
-    /// What it told of itself last.
+    /// The report that it told of itself last.
     pub(crate) report: Option<Report>,
-    /// Where that is written down, or is to be.
+    /// Slot where that is written down, or is to be.
     slot: Option<u8>,
     pub(crate) more: T,
 }
@@ -41,7 +41,7 @@ impl<T: Default> Reports<T> {
         self.members.iter_mut()
     }
 
-    /// What is known of a member.
+    /// Knowledge about a member.
     pub(crate) fn get(&mut self, address: MemberAddress) -> Option<&mut T> {
         let mut members = self.members.iter_mut();
         let member = members.find(|member| member.address == address)?;
@@ -69,7 +69,7 @@ impl<T: Default> Reports<T> {
         self.members.get_mut(place)
     }
 
-    /// Takes what was written down in this slot.
+    /// Takes the record of this slot.
     pub(crate) fn restore(
         &mut self,
         slot: u8,
@@ -82,7 +82,7 @@ impl<T: Default> Reports<T> {
         Some(&mut member.more)
     }
 
-    /// A member told how far it is.
+    /// A member told its status.
     pub(crate) fn report(
         &mut self,
         address: MemberAddress,
@@ -104,7 +104,7 @@ impl<T: Default> Reports<T> {
         Some(&mut member.more)
     }
 
-    /// Nobody is known any more.
+    /// No member is known any more.
     pub(crate) fn clear(&mut self, unsaved: &mut Unsaved) {
         self.retain(|_| false, unsaved);
     }
@@ -122,7 +122,7 @@ impl<T: Default> Reports<T> {
         self.members.retain(is_kept);
     }
 
-    /// What is to be written in this slot.
+    /// The fact to be written in this slot.
     pub(crate) fn fact(&self, slot: u8) -> Fact {
         let mut members = self.members.iter();
         let member = members.find(|member| member.slot == Some(slot));
@@ -131,12 +131,12 @@ impl<T: Default> Reports<T> {
     }
 }
 
-/// Two poses of one camera contradict each other from this chi squared on, of three degrees of freedom:
+/// Two poses of one camera contradict each other from this chi squared on, with three degrees of freedom:
 /// chance exceeds it once in a million.
 pub(crate) const CONTRADICTION: f32 = 30.0;
 
-/// How far two poses of one camera are apart, as chi squared. Where both places were given, only headings
-/// are compared.
+/// Distance between two poses of one camera, as chi squared. Where both places were given, only headings are
+/// compared.
 pub(crate) fn contradiction(one: &Pose<f32>, other: &Pose<f32>) -> f32 {
     let covariance = one.covariance + other.covariance;
     let both = Pose { covariance, ..*one };
@@ -147,7 +147,7 @@ pub(crate) fn contradiction(one: &Pose<f32>, other: &Pose<f32>) -> f32 {
     })
 }
 
-/// Whether a report says so much more than another that others should hear of it.
+/// Returns true if a report differs so much from another that others should hear of it.
 pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
     let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
         return old.state != new.state || old.done != new.done;

@@ -1,4 +1,4 @@
-//! Which facts are to be written down.
+//! The facts that are to be written down.
 
 use core::ops::Range;
 
@@ -9,19 +9,19 @@ use crate::{
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
 };
 
-/// Facts that changed since they were written down, by the keys of their records. None is ever lost,
-/// and none is written twice: what is written is what is known when its turn comes.
+/// Facts that changed since they were written down, by the keys of their records. None is ever lost, and none
+/// is written twice: the value known at its turn is written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Unsaved(DirtySet<WORDS>);
 
 /// Words of 32 facts.
 const WORDS: usize = 8;
 
-/// The order in which they are written: the keys of one after the other. A report counts sightings,
-/// so these are there before it; and a camera that forgets reports that only when nothing is left.
-/// Other references are there when nothing of the former ones is. The network comes last: where the
-/// power fails while a former network is forgotten, it is forgotten again. A stop of a walk is there before
-/// it is said that the target stands at it.
+/// The order in which they are written: the keys of one after the other. A report counts sightings, so these
+/// are there before it; and a camera that forgets reports that only when nothing is left. Other references
+/// are written when nothing of the former ones is left. The network comes last: where the power fails while a
+/// former network is forgotten, it is forgotten again. A stop of a walk is there before the record that the
+/// target stands at it.
 const ORDER: [Range<usize>; 11] = [
     records(FactKey::WalkStops(0), STOP_RECORDS),
     single(FactKey::Walk),

@@ -27,10 +27,10 @@ use crate::{
 const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
-/// Start-ups in a row that fail: nobody waits for the camera any more.
+/// Start-ups in a row that fail before no target waits for the camera any more.
 const FAILURES: u8 = 2;
 
-/// Why the camera starts.
+/// Reason why the camera starts.
 #[derive(Clone, Copy)]
 enum Start {
     /// The node was switched on.
@@ -74,7 +74,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     }
 }
 
-/// Where it is made it is on the stack once more.
+/// Made in a function of its own: its caller would have it on the stack once more.
 #[inline(never)] // for less stack
 fn new_role<'a>(
     role: &'a mut Option<CameraRole>,
@@ -84,7 +84,7 @@ fn new_role<'a>(
     role.insert(CameraRole::new(id, config.clone()))
 }
 
-/// The camera, and what it looks for.
+/// The camera, and its subjects.
 struct CameraDevice<'a, K, C> {
     camera: K,
     config: &'a CameraConfig,
@@ -201,7 +201,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Ok(())
     }
 
-    /// What is seen. `None`: the camera has to start up first.
+    /// Result of a look. `None`: the camera has to start up first.
     async fn look(&mut self, colour: u8, judge: &mut Judge) -> Option<(Sight, Option<Seen>)> {
         let Some(subject) = self.subjects.of_target(colour) else {
             return Some((Sight::NotInView, None));
@@ -222,7 +222,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Some(looked)
     }
 
-    /// What came of it.
+    /// Result of a command.
     async fn obey(
         &mut self,
         command: CameraCommand,
@@ -233,7 +233,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             CameraCommand::LearnColour { colour }
                 if let Some(subject @ Subject::Signature(_)) = self.subjects.of_target(colour) =>
             {
-                // It was taught beforehand: whether it sees one such object is all there is to tell.
+                // It was taught beforehand: only whether it sees one such object can be told.
                 let looked = look(&mut self.camera, subject, judge).await?;
                 return Ok(match looked {
                     Look::Steady(_) => CommandOutcome::Done,
@@ -290,13 +290,13 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 }
             }
         };
-        // A camera that does not end it is silenced by the next thing that it is asked for.
+        // A camera that does not end it is silenced by its next request.
         let _ = self.camera.end().await;
         Ok(next)
     }
 }
 
-/// What a frame shows.
+/// View of a frame.
 fn tracked(blob: &Blob, judge: &Judge) -> Tracked {
     let (seen, is_wide) = judge.glance(blob).unzip();
     Tracked {

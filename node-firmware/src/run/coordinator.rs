@@ -52,7 +52,7 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
     }
 }
 
-/// The PC, or nobody: what is written to a line without a reader is lost, and what it does not take
+/// The PC, or no PC: bytes for a line without a reader are lost, and so are bytes that it does not take
 /// within [`PATIENCE_US`]. A line that fails is tried again with the next task.
 async fn line<U: Read + Write>(
     mut uart: U,
@@ -100,7 +100,7 @@ async fn line<U: Read + Write>(
     }
 }
 
-/// Does a task as far as it is the network's, and returns what the PC is to be told.
+/// Does a task as far as it is the network's, and returns the message for the PC.
 fn perform(network: &impl Administration, task: CoordinatorTask) -> Option<ToPc> {
     Some(match task {
         CoordinatorTask::Tell(message) => message,

@@ -1,5 +1,5 @@
-//! Drives a role: it is told what comes from its network, its devices and the clock, and asked what it
-//! wants, which is then done.
+//! Drives a role: tells it the events of its network, its devices and the clock, asks it for its outputs, and
+//! carries them out.
 
 use core::{
     convert::Infallible,
@@ -48,12 +48,12 @@ impl<T, E> DeviceChannels<T, E> {
     }
 }
 
-/// Where devices get their tasks.
+/// Tasks for the devices.
 pub(super) type Tasks<'a, T> = Receiver<'a, NoopRawMutex, T, WAITING>;
-/// Where devices put their events.
+/// Events of the devices.
 pub(super) type Events<'a, E> = Sender<'a, NoopRawMutex, E, WAITING>;
 
-/// What every role uses of its node.
+/// Services of the node that every role uses.
 pub(super) struct Services<'a, H: Hardware, N, F> {
     pub(super) network: &'a N,
     pub(super) clock: &'a H::Clock,
@@ -63,14 +63,14 @@ pub(super) struct Services<'a, H: Hardware, N, F> {
     pub(super) liveness: &'a Liveness,
 }
 
-/// The driver of whichever role a node has: so [`drive`] is in an image once, not once for each.
+/// The driver of the node's role, of any kind: so [`drive`] is in an image once, not once for each.
 pub(super) enum AnyDriver<'a, Ticket> {
     Coordinator(RoleDriver<'a, CoordinatorRole, Ticket>),
     Camera(RoleDriver<'a, CameraRole, Ticket>),
     Target(RoleDriver<'a, TargetRole<'a>, Ticket>),
 }
 
-/// The same with whichever role it is.
+/// The same with a role of any kind.
 macro_rules! whichever {
     ($any:expr, $driver:ident => $action:expr) => {
         match $any {
@@ -81,7 +81,7 @@ macro_rules! whichever {
     };
 }
 
-/// A role, and what it wanted that is not done yet.
+/// A role, and its outputs that are not done yet.
 pub(super) struct RoleDriver<'a, R: Role, Ticket> {
     role: &'a mut R,
     devices: &'a DeviceChannels<R::Task, R::Event>,
@@ -116,7 +116,7 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
         self.role.on_message(now, from, message);
     }
 
-    /// What became of a message that was posted.
+    /// Result of a message that was posted.
     #[inline(never)] // for less stack
     fn on_settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
         if let Some(place) = self.in_flight.iter().position(|(on, _)| *on == ticket) {
@@ -125,17 +125,15 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
         }
     }
 
-    /// Does what the role wants, until it wants nothing more or has to wait for the link or its
-    /// devices. Returns what is to be written down before anything else is done. Call it again when
-    /// that is written.
+    /// Does the role's outputs, until it has none or has to wait for the link or its devices. Returns the
+    /// fact to be written down before anything else is done. Call it again when that is written.
     #[inline(never)] // for less stack
     fn act(
         &mut self,
         now: Instant,
         mut post: impl FnMut(ShortAddress, &Message) -> Result<Ticket, PostError>,
     ) -> Option<Fact> {
-        // Where it has to wait, for the link or for its devices, it goes on hearing: these may
-        // wait for it, too.
+        // While it waits for the link or its devices it goes on hearing: these may wait for it, too.
         loop {
             if let Some(task) = self.pending_task.take()
                 && let Err(TrySendError::Full(task)) = self.devices.tasks.try_send(task)
@@ -178,7 +176,7 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
         }
     }
 
-    /// When to act again, if nothing happens before.
+    /// Time to act again, if nothing happens before.
     #[inline(never)] // for less stack
     fn deadline(&self) -> Option<Instant> {
         // Not before the link has room or the devices have time, which is something that happens.
@@ -201,7 +199,7 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
     }
 }
 
-/// Writes a fact down, after a failure once more. Whether it is written.
+/// Writes a fact down, after a failure once more. Returns true if it is written.
 async fn save<F: NorFlash>(facts: &mut FactStore<F>, fact: &Fact) -> bool {
     // In a loop: each `await` of a future of its own would be code of its own.
     for is_again in [false, true] {
@@ -267,7 +265,7 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
             shown = Some(indication);
         }
 
-        // What happens.
+        // The next event.
         let deadline = whichever!(&any, driver => driver.deadline());
         let happened = pin!(network.happened(attachment));
         let devices = poll_fn(

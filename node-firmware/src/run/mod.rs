@@ -1,16 +1,16 @@
 //! A node at work: its role connected to its hardware.
 //!
-//! [`run`] is all a board or a simulation calls. It returns only when the node cannot go on: then
-//! the board restarts, and the node goes on from what is in its flash. [`run_over`] is its part above
-//! the [`Network`], for a network of another kind.
+//! A board or a simulation only calls [`run`]. It returns only when the node cannot go on. Then the board
+//! restarts, and the node goes on from the facts in its flash. [`run_over`] is its part above the
+//! [`Network`], for a network of another kind.
 //!
 //! Three futures run side by side, in one task:
 //!
-//! 1. `zigbee_link::runner` moves frames between radio and link, and writes down what the link must
+//! 1. `zigbee_link::runner` moves frames between radio and link, and writes down the facts that the link must
 //!    not forget. It shares the link with the second one.
-//! 2. `drive` tells the role what comes (messages from the link, results of what was sent, events of
-//!    devices, the time) and asks it what it wants: a message goes to the link, a fact to the flash
-//!    before anything else, a task to the devices.
+//! 2. `drive` tells the role its events (messages from the link, results of sent messages, events of devices,
+//!    the time) and asks it for its outputs: a message goes to the link, a fact to the flash before anything
+//!    else, a task to the devices.
 //! 3. The devices of the role (`camera`: a CMUcam2; `coordinator`: a PC; `moving_target`: a step
 //!    sensor) take tasks from one channel, and put events into another. A camera and a coordinator
 //!    have buttons besides.
@@ -54,16 +54,16 @@ const PEERS: usize = MEMBERS + 1;
 /// Messages each way that wait.
 const QUEUE: usize = 4;
 
-/// So often a flash is opened that fails.
+/// Attempts to open a flash that fails.
 const ATTEMPTS: usize = 2;
 
-/// How the radio fails.
+/// Failure of the radio.
 pub type RadioError<H> = <<H as Hardware>::Radio as Radio>::Error;
 
-/// How the flash fails.
+/// Failure of the flash.
 pub type FlashError<H> = <<H as Hardware>::Flash as ErrorType>::Error;
 
-/// Why a node cannot go on.
+/// Reason why a node cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure<R, F> {
@@ -99,10 +99,10 @@ impl<R, F> From<LogError<F>> for Failure<R, F> {
 /// Runs a node, which reports to `liveness`.
 ///
 /// A flash that is worn out or damaged is no reason to stop: the role then works from RAM, and so does the
-/// link, with an extended address that it draws at each start, as a node whose store is blank.
+/// link, with an extended address that it draws at each start, like a node whose store is blank.
 ///
 /// # Errors
-/// It never returns but with the reason why the node cannot go on.
+/// It returns only with the reason why the node cannot go on.
 pub async fn run<H: Hardware>(
     config: &CheckedConfig,
     peripherals: Peripherals<H>,
@@ -193,7 +193,7 @@ pub async fn run<H: Hardware>(
     }
 }
 
-/// What a role works with besides its network and its flash: of [`Peripherals`], the rest.
+/// Devices of a role besides its network and its flash: the rest of [`Peripherals`].
 pub struct Devices<'a, H: Hardware> {
     /// See [`Hardware::Uart`].
     pub uart: H::Uart,
@@ -203,19 +203,19 @@ pub struct Devices<'a, H: Hardware> {
     pub steps: H::Steps,
     /// Dark so far.
     pub indicator: H::Indicator,
-    /// See [`Button`](crate::hardware::Button) for what each asks for.
+    /// See [`Button`](crate::hardware::Button) for the request of each.
     pub buttons: H::Buttons,
     /// Called in the middle of the node's work: it must not wait.
     pub observer: H::Observer,
     /// Random, another one at each start.
     pub seed: u64,
-    /// Where radio and camera report.
+    /// Receiver of the reports of radio and camera.
     pub liveness: &'a Liveness,
 }
 
-/// Runs a node's role and its devices over any [`Network`]. The network's own work is somebody else's.
+/// Runs a node's role and its devices over any [`Network`]. The network's own work is not done here.
 ///
-/// What `facts` remembers must be of that network: where addresses were given anew, they are to be
+/// The facts that `facts` remembers must be of that network: where addresses were given anew, they are to be
 /// [forgotten](FactStore::forget) first. Where their flash does not serve, the role works from RAM.
 pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
     config: &CheckedConfig,
@@ -313,14 +313,14 @@ fn share_device<'a, H: Hardware>(
 /// - While the store is there, the frame counter only rises, under whichever key.
 /// - It is the key of the provisioning that is compared: a node whose network changed its key does
 ///   not fall back to that of its page.
-/// - A store that cannot be read, or to which nothing can be written, serves no more. A node with such a
-///   one draws a new extended address at each start, too, and writes nothing.
+/// - A store that cannot be read or written serves no more. A node with such a store draws a new extended
+///   address at each start, too, and writes nothing.
 ///
 /// Another role keeps the key, the address and the counter, but is no member of the network that a
 /// coordinator formed, or that a device joined, on the same board before.
 ///
-/// With a membership go the facts that the role remembers, and a coordinator's members, for their
-/// addresses are given anew. They go first: where the power fails in between, all this is done again.
+/// With a membership go the facts that the role remembers, and a coordinator's members, for their addresses
+/// are given anew. They go first: where the power fails in between, all this is done again.
 async fn open_store<F: NorFlash>(
     (config, seed): (&CheckedConfig, u64),
     store: &mut Store<F>,
@@ -380,7 +380,7 @@ async fn try_store<F: NorFlash>(
         Err(error) => return Err(error),
     };
     if let Some((own, used)) = provisioned {
-        // What cannot be forgotten must not be taken for something of the next network.
+        // Facts that cannot be forgotten must not be taken for those of the next network.
         facts.forget().await.map_err(StoreError::from)?;
         store.provision(key, own.unwrap_or(drawn), used).await?;
     }

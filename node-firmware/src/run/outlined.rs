@@ -6,9 +6,8 @@ use core::{
     task::{Context, Poll},
 };
 
-/// A future that is never inlined into the one that awaits it, so that what it needs of the stack
-/// is free again while others run. Pinned where it is made: a large future that is passed by value
-/// is copied on the stack.
+/// A future that is never inlined into the one that awaits it, so that its stack is free again while others
+/// run. Pinned where it is made: a large future that is passed by value is copied on the stack.
 pub(super) struct Outlined<'a, F>(pub(super) Pin<&'a mut F>);
 
 impl<F: Future> Future for Outlined<'_, F> {

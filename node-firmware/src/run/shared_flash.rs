@@ -1,6 +1,6 @@
 //! One flash for two logs, which each keep to a range of it.
 //!
-//! What `embassy_embedded_hal::flash::partition` does with an `embassy_sync` mutex, in a fraction of
+//! Does the same as `embassy_embedded_hal::flash::partition` with an `embassy_sync` mutex, in a fraction of
 //! the code: all is in one task, and of two users no more than one ever waits.
 
 use core::{
@@ -12,7 +12,7 @@ use core::{
 
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
-/// A flash, and who waits until it is free.
+/// A flash, and the user that waits until it is free.
 pub(super) struct SharedFlash<F> {
     flash: RefCell<F>,
     waits: Cell<Option<Waker>>,
@@ -68,7 +68,7 @@ impl<F> DerefMut for Busy<'_, F> {
 }
 
 impl<F> Drop for Busy<'_, F> {
-    /// Nobody is polled before this function has returned, and the flash is free.
+    /// No user is polled before this function has returned, and the flash is free.
     fn drop(&mut self) {
         if let Some(waker) = self.waits.take() {
             waker.wake();

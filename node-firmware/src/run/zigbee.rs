@@ -22,10 +22,10 @@ use crate::{
     },
 };
 
-/// What the link's runner and a role share.
+/// State that the link's runner and a role share.
 pub(super) struct ZigbeeNetwork<C> {
     pub(super) node: Shared<C, PEERS, QUEUE, MEMBERS>,
-    /// Which of the link's states the role was told, or does not care about.
+    /// The state of the link that the role was told, or does not care about.
     known: Cell<NetworkStatus>,
 }
 

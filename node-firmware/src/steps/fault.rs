@@ -1,4 +1,4 @@
-//! Why there are no steps.
+//! Reasons why there are no steps.
 
 use core::fmt;
 
@@ -27,37 +27,37 @@ impl fmt::Display for Chip {
     }
 }
 
-/// What is wrong with a chip of the step sensor.
+/// Fault of a chip of the step sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SensorFault {
-    /// Nobody answers at its address.
+    /// No chip answers at its address.
     Absent,
     /// The bus failed.
     Bus,
     /// Another chip is at its address.
     Identity {
-        /// What it says it is.
+        /// The identity that it answers.
         found: u8,
     },
     /// It has measured nothing for half a second: it was reset, or lost its supply.
     Silent,
     /// It gives the same numbers again and again.
     Stuck,
-    /// What comes from it makes no sense.
+    /// Its data makes no sense.
     Garbled,
-    /// It has measured more than was taken from it: steps may be lost.
+    /// It has measured more samples than were taken from it: steps may be lost.
     Overrun,
 }
 
-/// Why there are no steps. The texts say what to do about it.
+/// Reason why there are no steps. The texts say what to do about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorError {
     /// The chip that is to blame.
     pub chip: Chip,
-    /// What is wrong with it.
+    /// Its fault.
     pub fault: SensorFault,
 }
 

@@ -32,7 +32,7 @@ pub(super) const OUT: u8 = 0x28 | 0x80;
 /// "Magnetic characteristics": 6842 a gauss, which is 100 uT.
 pub(super) const FIELD: f32 = 100.0 / 6842.0;
 
-/// Whether there is a new reading, from the status.
+/// Returns true if there is a new reading, from the status.
 pub(super) const fn is_new(status: u8) -> bool {
     status & NEW != 0
 }

@@ -30,19 +30,18 @@ pub(super) const SETTINGS: [[u8; 2]; 6] = [
     [0x0A, 0x06],
     // "`CTRL1_XL` (10h)": 52 Hz; 8 g, more than a heel makes at the hip.
     [0x10, 0x3C],
-    // "`CTRL2_G` (11h)": 52 Hz; 500 degrees a second, faster than anybody turns.
+    // "`CTRL2_G` (11h)": 52 Hz; 500 degrees a second, faster than a person turns.
     [0x11, 0x34],
 ];
 
 /// "`FIFO_STATUS1` (3Ah)" and "`FIFO_STATUS2` (3Bh)": words in the FIFO, 10 bits, the low byte first;
-/// in the second byte, bit 3: something was lost since it was last read, bit 6: now.
+/// in the second byte, bit 3: something was lost since the last read, bit 6: now.
 pub(super) const FIFO_STATUS: u8 = 0x3A;
 const LOST: u8 = 0x48;
 /// "`FIFO_DATA_OUT_TAG` (78h)" and the six bytes of a word. After the last of these a read goes on
 /// with the tag of the next word (AN5272; Linux's driver `st_lsm6dsx` reads it so).
 pub(super) const FIFO_OUT: u8 = 0x78;
-/// "`INTERNAL_FREQ_FINE` (63h)": how much faster its clock goes than it should, signed, in steps of
-/// 0.15 %.
+/// "`INTERNAL_FREQ_FINE` (63h)": excess of its clock over the nominal one, signed, in steps of 0.15 %.
 pub(super) const FREQUENCY: u8 = 0x63;
 const FREQUENCY_STEP: f32 = 0.0015;
 /// The usual time between two samples: the nominal clock has 6,667 Hz, and 52 Hz is its 128th part
@@ -59,7 +58,7 @@ pub(super) fn period_us(fine: u8) -> u64 {
     (PERIOD_US / (1.0 + faster)) as u64
 }
 
-/// How many words wait in the FIFO, from its status.
+/// Number of words that wait in the FIFO, from its status.
 pub(super) fn waiting([low, high]: [u8; 2]) -> Result<u16, SensorError> {
     if high & LOST != 0 {
         return Err(Chip::Motion.is(SensorFault::Overrun));
@@ -89,8 +88,8 @@ pub(super) struct Slots {
 }
 
 impl Slots {
-    /// Takes a word. When its slot is complete, its data: the gyroscope's and the accelerometer's,
-    /// and how many slots after the last complete one it is, 1 to 4.
+    /// Takes a word. When its slot is complete, returns its data: the gyroscope's and the accelerometer's,
+    /// and its distance from the last complete slot, 1 to 4.
     pub(super) fn take(
         &mut self,
         word: &[u8; WORD],

@@ -4,11 +4,11 @@
 //! | module | job |
 //! |---|---|
 //! | here | [`InertialSteps`]: requests to the bus, samples to [`Pedestrian`], steps out |
-//! | `session` | Which chip is asked what, and when; without input or output |
+//! | `session` | Order and times of the requests to the chips; without input or output |
 //! | `lsm6dsox` | Accelerometer and gyroscope: registers, and words of its FIFO |
 //! | `lis3mdl` | Compass: registers, and readings |
 //! | `stuck` | Readings that never change |
-//! | `fault` | [`SensorError`]: what is wrong, and what to do about it |
+//! | `fault` | [`SensorError`]: the fault, and what to do about it |
 //!
 //! # How it is worn
 //! Flat, the chips up, the arrow of the x axis on the breakout forward, firmly on the trunk: belt or
@@ -20,13 +20,13 @@
 //! FIFO, for 4.9 s at most, and are numbered there. So it does not matter when this code comes to
 //! read them.
 //!
-//! # What must be told
+//! # Settings
 //! The compass's hard iron, of which the chip alone may have 100 uT (LIS3MDL datasheet, "Magnetic
 //! characteristics", zero-gauss level) beside the earth's 20 across the vertical: without it there
 //! is no heading. See [`SensorConfig::hard_iron`]. The gyroscope's bias is estimated all the time.
 //!
-//! Headings are counter-clockwise from magnetic east. How the site lies to that, the reference
-//! cameras find out.
+//! Headings are counter-clockwise from magnetic east. The reference cameras find the direction of the site
+//! against that.
 
 mod fault;
 mod lis3mdl;
@@ -53,10 +53,10 @@ use crate::{
 /// The step sensor: [`Pedestrian`] fed from chips on an I2C bus.
 ///
 /// A chip that fails is reported once by [`StepSensor::next`]; the next call sets both up anew.
-/// A call that is dropped loses the samples of one read of six words at most. These are three, or
-/// four if the read begins in the middle of one; less than a step. Up to three that are missing in a
-/// row are counted by the chip's two-bit numbers, so that no time is lost. Of more, as after a second
-/// drop before a complete sample was read again, the time of every four is.
+/// A call that is dropped loses the samples of one read of six words at most. These are three samples, or
+/// four if the read begins in the middle of one; less than a step. Up to three that are missing in a row are
+/// counted by the chip's two-bit numbers, so that no time is lost. If more are missing, as after a second
+/// drop before a complete sample was read again, the time of every four is lost.
 #[derive(Debug)]
 pub struct InertialSteps<I, C> {
     bus: I,
@@ -88,7 +88,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
         })
     }
 
-    /// What is to be done before there can be a step; or a step.
+    /// The next action before there can be a step; or a step.
     // Apart from the future of a whole node, in which it would be larger.
     #[inline(never)] // for less flash
     fn advance(&mut self) -> Result<Result<Step<f32>, Want>, SensorError> {
@@ -105,7 +105,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
                     return Ok(Ok(step));
                 }
                 Ok(None) => {}
-                // What a chip measures is usable, and a later sample is later.
+                // A chip's measurement is usable, and a later sample is later.
                 Err(error) => debug_assert!(false, "{error}"),
             }
         }

@@ -1,7 +1,7 @@
-//! Which chip is asked what, and when.
+//! Order and times of the requests to the chips.
 //!
-//! First comes a script, from a reset on, since nobody knows what the chips did before. Then, again
-//! and again: how many words wait in the FIFO, these words, and the compass.
+//! First comes a script, from a reset on, since the earlier state of the chips is not known. Then, again and
+//! again: the number of words in the FIFO, these words, and the compass.
 
 use core::{ops::Range, time::Duration};
 
@@ -37,14 +37,14 @@ const GAP_US: u64 = 1_000_000;
 /// Readings of the compass between two reports of their extent.
 const REPORT: u8 = 200;
 
-/// Words of the FIFO that are read at once. Of words whose reading was cut off it is not known
-/// whether they have gone. Three slots, of two words each, that are missing between two complete
-/// ones are told by the numbers of slots, which have two bits, and are not yet a gap to
-/// [`Pedestrian`](pedestrian::Pedestrian). Of more the time of every four is lost:
-/// if two reads in a row are cut off, or one that began in the middle of a slot.
+/// Words of the FIFO that are read at once. When a read was cut off, it is not known whether its words have
+/// gone. Up to three slots, of two words each, that are missing between two complete ones are told by the
+/// numbers of slots, which have two bits, and are not yet a gap to [`Pedestrian`](pedestrian::Pedestrian). If
+/// more are missing, the time of every four is lost: when two reads in a row are cut off, or one that began
+/// in the middle of a slot.
 const WORDS: u16 = 6;
 
-/// The register in which a chip says what it is, of both chips.
+/// The register of a chip's identity, in both chips.
 const WHO_AM_I: u8 = 0x0F;
 
 impl Chip {
@@ -57,7 +57,7 @@ impl Chip {
         }
     }
 
-    /// What it says it is (LSM6DSOX datasheet, "`WHO_AM_I` (0Fh)"; LIS3MDL datasheet, "`WHO_AM_I`
+    /// Identity that it answers (LSM6DSOX datasheet, "`WHO_AM_I` (0Fh)"; LIS3MDL datasheet, "`WHO_AM_I`
     /// (0Fh)").
     const fn identity(self) -> u8 {
         match self {
@@ -67,7 +67,7 @@ impl Chip {
     }
 }
 
-/// What is done next.
+/// Next action.
 #[derive(Debug)]
 pub(super) enum Want {
     /// Nothing before this.
@@ -76,7 +76,7 @@ pub(super) enum Want {
     Ask(Request),
 }
 
-/// Something that is asked of a chip, or that it is told.
+/// A question or an order to a chip.
 #[derive(Debug)]
 pub(super) struct Request {
     pub(super) chip: Chip,
@@ -87,22 +87,22 @@ pub(super) struct Request {
 enum What {
     /// A register gets a value.
     Set([u8; 2]),
-    /// What it says it is.
+    /// Its identity.
     Identity,
-    /// How wrong its clock goes.
+    /// Error of its clock.
     Frequency,
-    /// How many words wait.
+    /// Number of words that wait.
     Waiting,
     /// So many words of the FIFO.
     Words(u16),
-    /// Whether the compass has a new reading.
+    /// Asks whether the compass has a new reading.
     IsNew,
     /// The numbers of the new reading.
     Reading,
 }
 
 impl Request {
-    /// The first register, and how many are read.
+    /// The first register, and the number that is read.
     const fn registers(&self) -> ([u8; 2], usize) {
         let (register, length) = match self.what {
             What::Set(register) => return (register, 0),
@@ -116,13 +116,13 @@ impl Request {
         ([register, 0], length)
     }
 
-    /// Whether the chip answers something.
+    /// Returns true if the chip answers something.
     pub(super) const fn is_read(&self) -> bool {
         !matches!(self.what, What::Set(_))
     }
 }
 
-/// How chips are started.
+/// Acts of the chips' start.
 enum Act {
     Ask(Chip, What),
     Pause,
@@ -156,7 +156,7 @@ const SCRIPT: [Act; 17] = {
     ]
 };
 
-/// What was measured at one time, in SI units; the field in uT.
+/// Measurement at one time, in SI units; the field in uT.
 pub(super) struct Sample {
     /// In the chip's time, from any moment.
     pub(super) time_us: u64,
@@ -168,26 +168,26 @@ pub(super) struct Sample {
 /// A conversation with the chips.
 #[derive(Debug)]
 pub(super) struct Session {
-    /// How far the script is.
+    /// Progress of the script.
     done: u8,
     /// Nothing is asked before this.
     wait_until: Option<Instant>,
     running: Running,
     buffer: [u8; WORDS as usize * WORD],
-    /// Of the last sample.
+    /// Time of the last sample.
     time_us: u64,
     extent: Extent,
     reports: u8,
 }
 
-/// What ends with a new start.
+/// State that ends with a new start.
 #[derive(Debug, Default)]
 struct Running {
     period_us: u64,
     next: Next,
     /// Words that are still in the FIFO.
     waiting: u16,
-    /// Which of the words in the buffer were not yet taken from it.
+    /// Words in the buffer that were not yet taken from it.
     unread: Range<usize>,
     slots: Slots,
     /// For the next sample, which is taken right after it.
@@ -224,7 +224,7 @@ impl Default for Session {
 }
 
 impl Session {
-    /// The chips are set up anew; what was not yet read is lost.
+    /// The chips are set up anew; unread samples are lost.
     pub(super) fn begin_anew(&mut self) {
         self.done = 0;
         self.wait_until = None;
@@ -232,7 +232,7 @@ impl Session {
         self.time_us = self.time_us.saturating_add(GAP_US);
     }
 
-    /// What to do when there are no more samples.
+    /// The next action when there are no more samples.
     pub(super) fn want(&mut self, now: Instant) -> Want {
         if let Some(until) = self.wait_until {
             if now < until {
@@ -254,7 +254,7 @@ impl Session {
         let (chip, what) = match running.next {
             _ if running.waiting > 0 => {
                 let words = running.waiting.min(WORDS);
-                // Before the answer: if nobody waits for it, the words may have gone.
+                // Before the answer: if the wait for it is dropped, the words may have gone.
                 running.waiting -= words;
                 (Chip::Motion, What::Words(words))
             }
@@ -265,7 +265,7 @@ impl Session {
         Want::Ask(Request { chip, what })
     }
 
-    /// What is sent for a request, and where the answer goes.
+    /// Bytes that are sent for a request, and the buffer for the answer.
     pub(super) fn buffers<'a>(&'a mut self, request: &Request) -> ([u8; 2], &'a mut [u8]) {
         let (sent, length) = request.registers();
         debug_assert!(length <= self.buffer.len(), "the longest read fits");

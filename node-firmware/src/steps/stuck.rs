@@ -1,6 +1,6 @@
 //! Readings that never change.
 
-/// How often in a row the same bytes came.
+/// Number of times in a row that the same bytes came.
 #[derive(Debug)]
 pub(super) struct Stuck<const N: usize> {
     last: [u8; N],
@@ -17,7 +17,7 @@ impl<const N: usize> Default for Stuck<N> {
 }
 
 impl<const N: usize> Stuck<N> {
-    /// How often these came before, without others in between.
+    /// Number of times that these came before, without others in between.
     pub(super) fn same(&mut self, data: &[u8; N]) -> u8 {
         self.times = if *data == self.last {
             self.times.saturating_add(1)

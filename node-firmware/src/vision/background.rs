@@ -1,7 +1,7 @@
-//! How much of the background has the colour of an object that was just learnt.
+//! Share of the background that has the colour of an object that was just learnt.
 //!
-//! Every pixel of the colour counts for the box of a blob, so what else in view has it moves the edges
-//! and with them the direction. Two looks tell it while the object is still in the middle:
+//! Every pixel of the colour counts for the box of a blob. So another thing of that colour in view moves the
+//! edges, and with them the direction. Two looks tell it while the object is still in the middle:
 //! - Where all pixels of the colour are in one box that they fill, as a ball fills its box by pi / 4,
 //!   and that is no wall, nothing else has the colour.
 //! - Otherwise the pixels along the four borders of the view are counted, an eighth of it on each side:
@@ -15,18 +15,18 @@ use cmucam2_driver::{
 };
 use serde::{Deserialize, Serialize};
 
-/// A colour that so much of the background has is not looked for, thousandths. A ball a tenth as wide
-/// as the view covers 1 %: from there on most of what is tracked is background.
+/// A colour that so much of the background has is not looked for, thousandths. A ball a tenth as wide as the
+/// view covers 1 %: from there on most of the tracked pixels are background.
 const HOPELESS: u16 = 10;
 
-/// How much of its box an object fills at least, 256 times the share. A ball fills 201.
+/// Least share of its box that an object fills, 256 times the share. A ball fills 201.
 const COMPACT: u8 = 160;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BackgroundShare {
-    /// Thousandths, 0 to 1000; what is more than nothing is at least 1.
+    /// Thousandths, 0 to 1000; a share above nothing is at least 1.
     pub thousandths: u16,
 }
 
@@ -42,7 +42,7 @@ impl BackgroundShare {
         }
     }
 
-    /// Whether an object of this colour cannot be told from what is behind it.
+    /// Returns true if an object of this colour cannot be told from its background.
     pub const fn is_hopeless(self) -> bool {
         self.thousandths >= HOPELESS
     }
@@ -56,8 +56,8 @@ impl fmt::Display for BackgroundShare {
     }
 }
 
-/// Pixels of the colour in the part of the view that was looked at, from a T packet: that tells eighths
-/// up to 2,040, and beyond that how much of the box they fill.
+/// Pixels of the colour in the part of the view that was looked at, from a T packet: that tells eighths up to
+/// 2,040, and beyond that the share of the box that they fill.
 pub fn pixels(seen: &Tracking) -> u32 {
     let (Some(eighths), Some(filled)) = (seen.pixels(), seen.confidence()) else {
         return 0;
@@ -82,15 +82,14 @@ fn area(frame: Size) -> u32 {
     u32::from(frame.width) * u32::from(frame.height)
 }
 
-/// Whether what the whole view has of the colour is one object, and nothing of the background.
+/// Returns true if all pixels of the colour in the view are one object, and none is background.
 pub fn is_one_object(seen: &Tracking, frame: Size) -> bool {
     seen.is_lost()
         || seen.confidence().is_some_and(|filled| filled >= COMPACT)
             && 2 * box_area(seen) < area(frame)
 }
 
-/// The outer eighths of a view whose first column and row have this number: left, right, above and
-/// below.
+/// The outer eighths of a view whose first column and row have this number: left, right, above and below.
 pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
     let Size { width, height } = frame;
     let (across, down) = (width / 8, height / 8);
@@ -157,7 +156,7 @@ mod tests {
         }
     }
 
-    /// `min(255, (n + 4) / 8)` and `min(255, 256 n / area)` are what is told of n pixels.
+    /// `min(255, (n + 4) / 8)` and `min(255, 256 n / area)` are the numbers that are told for n pixels.
     #[test]
     fn pixels_are_those_that_were_counted() {
         for n in [1_u32, 3, 4, 100, 1_000, 2_000, 3_000, 6_000, 12_584] {

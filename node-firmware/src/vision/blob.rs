@@ -4,7 +4,7 @@ use cmucam2_driver::packet::Tracking;
 
 use crate::message::TrackedBlob;
 
-/// How the numbers of a T packet count.
+/// Meaning of the numbers of a T packet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Grid {
@@ -57,7 +57,7 @@ pub struct Blob {
     pub centroid: [f32; 2],
     /// Pixels that belong to it, in eighths, at most 255: `min(255, (n + 4) / 8)`; 0: not told.
     pub pixels: u8,
-    /// How much of its box it fills: `min(255, 256 n / area)`; 0: not told.
+    /// Share of its box that it fills: `min(255, 256 n / area)`; 0: not told.
     pub confidence: u8,
     /// Width of the unit in which its columns are known: 1, or that of a block.
     pub cell_width: f32,
@@ -99,8 +99,8 @@ impl Blob {
         (self.left + self.right) * 0.5
     }
 
-    /// Whether it reaches the left or right border of a frame of so many columns, so that its
-    /// middle is not the middle of what is seen.
+    /// Returns true if it reaches the left or right border of a frame of so many columns, so that its middle
+    /// is not the middle of the object.
     ///
     /// One column more counts on the left and two more on the right: frames may be a column
     /// narrower than the manual says, and may count from 0 or from 1.

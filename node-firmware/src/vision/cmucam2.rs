@@ -18,9 +18,9 @@
 //! one frame of 20 ms, and up to 9 ms of text: five take about 0.3 s at most.
 //!
 //! # What a restart costs
-//! The driver sets all modes again, but what the camera had adapted to is gone, and frame
-//! differencing has lost its background. So every restart that is noticed ends in
-//! [`VisionError::Restarted`], and the camera must be [started up](BlobCamera::start_up).
+//! The driver sets all modes again, but the adaptation of the camera is gone, and frame differencing has lost
+//! its background. So every restart that is noticed ends in [`VisionError::Restarted`], and the camera must
+//! be [started up](BlobCamera::start_up).
 
 use cmucam2_driver::{
     Cmucam2, Command, Error,
@@ -45,10 +45,10 @@ const BLOCKS: u8 = 16;
 /// narrower than its 176.
 const HIGH_RESOLUTION: u16 = 175;
 
-/// How many rows are as much as a column, at either resolution of either sensor.
+/// Number of rows that are as much as a column, at either resolution of either sensor.
 pub const ROWS_PER_COLUMN: f32 = 2.0;
 
-/// What a CMUcam2 is told.
+/// Settings of a CMUcam2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Cmucam2Settings {
@@ -56,7 +56,7 @@ pub struct Cmucam2Settings {
     pub columns: u16,
     /// Number of the first column in packets, 0 or 1: sources disagree. `host-sim probe` finds out.
     pub first_column: u8,
-    /// How long it adapts to the light, milliseconds.
+    /// Time to adapt to the light, milliseconds.
     pub adapt_ms: u32,
 }
 
@@ -83,7 +83,7 @@ pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
     /// It has a background.
     background: bool,
     subject: Option<Subject>,
-    /// How often the camera had restarted when it began to adapt.
+    /// Number of restarts of the camera when it began to adapt.
     restarts: u16,
 }
 
@@ -107,7 +107,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         self.subject = None;
     }
 
-    /// Takes notice of what failed, and of a restart that the driver has made up for on its way.
+    /// Takes notice of a failure, and of a restart that the driver has made up for on its way.
     fn taken<T, E: embedded_io::Error>(
         &mut self,
         outcome: Result<T, Error<E>>,
@@ -141,7 +141,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         error
     }
 
-    /// How packets count for the subject that was begun.
+    /// Meaning of the packets for the subject that was begun.
     fn grid(&self, subject: Subject) -> Grid {
         let first = self.settings.first_column;
         match subject {
@@ -160,7 +160,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
 }
 
 impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
-    /// Starts it up and sets what a start does not.
+    /// Starts it up and makes the settings that a start does not make.
     async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
         let start_up = StartUp {
             adapt_ms: self.settings.adapt_ms,
@@ -179,7 +179,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         self.camera.set(Command::PollMode(true)).run().await
     }
 
-    /// How much of the background has a colour, while the object is in the middle of the view.
+    /// Share of the background that has a colour, while the object is in the middle of the view.
     async fn background_share(
         &mut self,
         bounds: ColourBounds,
@@ -209,7 +209,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         }
     }
 
-    /// The frame that this camera will give with this lens, or why they do not match. A frame may
+    /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
     async fn frame(&mut self) -> Result<Size, VisionError> {
         let version = self.camera.version().run().await;

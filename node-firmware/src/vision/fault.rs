@@ -1,4 +1,4 @@
-//! Why a camera gives nothing.
+//! Reasons why a camera gives nothing.
 
 use core::fmt;
 
@@ -6,7 +6,7 @@ use embedded_io::ErrorKind;
 
 use super::BackgroundShare;
 
-/// Why a camera cannot do what it was asked for. The texts say what to do about it.
+/// Reason why a camera cannot carry out a request. The texts say what to do about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -17,7 +17,7 @@ pub enum VisionError {
     Closed,
     /// The camera does not answer.
     Silent,
-    /// What the camera sends makes no sense.
+    /// The camera's bytes make no sense.
     Garbled,
     /// The camera refuses a command.
     Refused,
@@ -26,9 +26,9 @@ pub enum VisionError {
     Restarted,
     /// The lens has another number of columns than the camera.
     Columns {
-        /// What the camera has.
+        /// Columns of the camera.
         camera: u16,
-        /// What the lens has.
+        /// Columns of the lens.
         lens: u16,
     },
     /// A colour whose lowest level is above its highest one.
@@ -48,7 +48,7 @@ pub enum VisionError {
 }
 
 impl VisionError {
-    /// Whether [`BlobCamera::start_up`](super::BlobCamera::start_up) may cure it.
+    /// Returns true if [`BlobCamera::start_up`](super::BlobCamera::start_up) may cure it.
     pub const fn wants_start_up(self) -> bool {
         matches!(
             self,
@@ -89,7 +89,7 @@ impl fmt::Display for VisionError {
                  PixyMon, and finds nothing that moves"
             }
             Self::Busy => {
-                "the camera is busy all the time: let it run color_connected_components, and nobody \
+                "the camera is busy all the time: let it run color_connected_components, and let no program \
                  hold its button"
             }
         })

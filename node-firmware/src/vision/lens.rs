@@ -1,11 +1,11 @@
-//! Which direction a column is.
+//! Directions of columns.
 
 use core::fmt;
 
 use calib_core::camera::{Camera, CameraError, Projection};
 use serde::{Deserialize, Serialize};
 
-/// What is known of a camera's lens and columns.
+/// A camera's lens and columns.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -16,7 +16,7 @@ pub struct Lens {
     /// Angle from the middle of the first column to that of the last one, degrees, above 0; below
     /// 180 for a pin-hole, at most 360 for equal angles. The CMUcam2's is 44 to 50, by lens.
     pub field_of_view_deg: f32,
-    /// How directions are spread over the columns.
+    /// Spread of directions over the columns.
     pub projection: Projection,
     /// Column of the optical axis, 0 to `columns - 1`; `None`: in the middle.
     pub principal_column: Option<f32>,
@@ -50,7 +50,7 @@ impl Lens {
     }
 }
 
-/// Why there is no such lens.
+/// Reason why there is no such lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LensError {

@@ -1,15 +1,15 @@
-//! What a camera role needs of its camera: whether the target is in view, in which direction, and
-//! how sure that is.
+//! Requirements of a camera role on its camera: is the target in view, in which direction, and how sure is
+//! that.
 //!
 //! | module | job |
 //! |---|---|
 //! | here | [`BlobCamera`]: the seam that other blob cameras can fill, and [`Blob`]s as it gives them |
 //! | [`cmucam2`], [`pixy2`] | The CMUcam2 and the Pixy2 behind that seam |
 //! | [`either`] | The one of them that a node has |
-//! | [`background`] | How much of the background has a colour that was learnt |
+//! | [`background`] | Share of the background that has a colour that was learnt |
 //! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
 //! | [`mod@look`] | One look at a standing target: several frames to a direction, or why not |
-//! | [`lens`] | Which direction a column is |
+//! | [`lens`] | Directions of columns |
 //!
 //! [`steady`] and [`look::Judge`] are sans-IO: blobs go in, a judgement comes out.
 //! [`look()`] connects them to a camera.
@@ -52,9 +52,9 @@ pub use self::{
 /// A call that is dropped before its end leaves the camera in a state that the next call clears
 /// up.
 pub trait BlobCamera {
-    /// Starts the camera anew: reset, adapt to the light for some seconds, then fix gain and white
-    /// balance, so that a colour stays the same colour (thesis Appendix A, "Initialize"). What was
-    /// learnt as background is lost, what was begun is ended.
+    /// Starts the camera anew: reset, adapt to the light for some seconds, then fix gain and white balance,
+    /// so that a colour stays the same colour (thesis Appendix A, "Initialize"). A learnt background is lost,
+    /// a search that was begun is ended.
     ///
     /// To be called first, and whenever [`VisionError::wants_start_up`].
     ///
@@ -62,16 +62,16 @@ pub trait BlobCamera {
     /// [`VisionError`].
     fn start_up(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
-    /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object
-    /// kept"), and looks how much of the background has it. What was begun is ended.
+    /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object kept"), and
+    /// looks how much of the background has it. A search that was begun is ended.
     ///
     /// # Errors
     /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it;
     /// [`VisionError::Unable`] of a camera that was taught its colours beforehand.
     fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>>;
 
-    /// Takes what is in view now as the background of [`Subject::Motion`] (thesis 2.5). To be
-    /// repeated from time to time while the target is out of view. What was begun is ended.
+    /// Takes the present view as the background of [`Subject::Motion`] (thesis 2.5). To be repeated from time
+    /// to time while the target is out of view. A search that was begun is ended.
     ///
     /// # Errors
     /// [`VisionError`].

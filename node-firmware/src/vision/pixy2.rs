@@ -13,14 +13,14 @@
 //!
 //! # Its columns
 //! Blobs are told in 316 columns, but found in 158 units of two. By the maker's firmware
-//! (`charmedlabs/pixy2`, `rls_m0.c` and `blobs.cpp`), a row's blob begins with the first unit of its
-//! colour, and is noticed to go on every fourth unit only; it is told to end with the one after the
-//! last that was noticed. Rows of a round object begin and end at different units, and the widest
-//! counts, so that its right edge is told up to some units too far left, and never too far right. Over
-//! balls of 10 to 50 columns before an emulated camera that does the same (`tests/pixy2.rs`), the left
-//! edge errs by 0.6 columns (one sigma: that of a unit), the right one by 1.65 too little on average and
-//! by 1.5 about that, the middle by 0.7. So what is lost on average is added, and both edges count as
-//! known to 3.5 columns. Balls of less than 10 columns are told by up to a column too far left.
+//! (`charmedlabs/pixy2`, `rls_m0.c` and `blobs.cpp`), a row's blob begins with the first unit of its colour,
+//! and is noticed to go on every fourth unit only. It is told to end with the unit after the last noticed
+//! one. Rows of a round object begin and end at different units, and the widest counts, so that its right
+//! edge is told up to some units too far left, and never too far right. Over balls of 10 to 50 columns before
+//! an emulated camera that does the same (`tests/pixy2.rs`), the left edge errs by 0.6 columns (one sigma:
+//! that of a unit), the right one by 1.65 too little on average and by 1.5 about that, the middle by 0.7. So
+//! the average loss is added, and both edges count as known to 3.5 columns. Balls of less than 10 columns are
+//! told by up to a column too far left.
 
 use embassy_futures::yield_now;
 use embedded_hal_async::delay::DelayNs;
@@ -39,13 +39,13 @@ pub const BAUD: u32 = 19_200;
 /// Columns by which the right edge of a round object is told too far left, on average.
 const LATE: f32 = 1.65;
 
-/// Width of the unit as whose whole numbers both edges are as uncertain as they are, columns.
+/// Width, columns, of the unit whose rounding is as uncertain as both edges are.
 const UNIT: f32 = 3.5;
 
-/// A second blob counts with so much of the area of the first one.
+/// A second blob counts if it has this share of the area of the first one.
 const RIVAL: f32 = 0.25;
 
-/// So often it is asked who it is before it is called silent: for more than it takes to start.
+/// Questions for its identity before it is called silent: for more than it takes to start.
 const PATIENCE: u8 = 20;
 
 /// A Pixy2 on a UART. See the [module](self).
@@ -55,7 +55,7 @@ pub struct Pixy2BlobCamera<U, D> {
     /// Columns of the lens.
     columns: u16,
     ready: bool,
-    /// That is looked for.
+    /// The signature that it looks for.
     signature: Option<u8>,
 }
 
@@ -228,7 +228,7 @@ mod tests {
         assert_eq!(blob.told.edges, [100, 91, 120, 110]);
         assert_eq!(blob.centroid[0], blob.middle());
         assert!(!blob.is_clipped(COLUMNS));
-        // What reaches the first or the last unit is cut off.
+        // A blob that reaches the first or the last unit is cut off.
         assert!(super::blob(&block(10, 20, 19), None).is_clipped(COLUMNS));
         assert!(super::blob(&block(306, 20, 19), None).is_clipped(COLUMNS));
     }

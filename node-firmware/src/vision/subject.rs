@@ -1,4 +1,4 @@
-//! What is looked for.
+//! Subjects that a camera looks for.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ pub struct ColourWindow {
 }
 
 impl ColourWindow {
-    /// Whether each lowest level is not above its highest one.
+    /// Returns true if each lowest level is not above its highest one.
     pub fn is_ordered(&self) -> bool {
         [self.red, self.green, self.blue]
             .iter()
@@ -32,33 +32,33 @@ impl ColourWindow {
 pub struct LearntColour {
     /// Its levels.
     pub window: ColourWindow,
-    /// How much of the background has it.
+    /// Share of the background that has it.
     pub background: BackgroundShare,
 }
 
-/// What a camera looks for.
+/// Subject that a camera looks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Subject {
     /// Pixels of a colour.
     Colour(ColourWindow),
-    /// What differs from the background (frame differencing, thesis 2.5). Coarser than a colour:
+    /// Blocks that differ from the background (frame differencing, thesis 2.5). Coarser than a colour:
     /// the CMUcam2 compares blocks of a sixteenth of the frame's width.
     Motion {
         /// Levels by which it must differ; 5 to 20 is usual.
         threshold: u8,
     },
-    /// What a camera was taught itself, as a Pixy2 is: a signature of this number, 1 to 7.
+    /// A signature that a camera was taught itself, as a Pixy2 is, of this number, 1 to 7.
     Signature(u8),
 }
 
-/// Which camera a node has.
+/// Kind of a node's camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CameraKind {
-    /// Learns colours when it is told to, and finds what moves.
+    /// Learns colours when it is told to, and finds motion.
     #[default]
     Cmucam2,
     /// Was taught its colours, by its button or in `PixyMon`.
@@ -66,7 +66,7 @@ pub enum CameraKind {
 }
 
 impl CameraKind {
-    /// How many rows are as much as a column.
+    /// Number of rows that are as much as a column.
     pub const fn rows_per_column(self) -> f32 {
         match self {
             Self::Cmucam2 => super::cmucam2::ROWS_PER_COLUMN,

@@ -1,5 +1,5 @@
-//! Roles that get any messages and events at any times, in any order: no panic, a bounded number of
-//! outputs, deadlines in the future, and nothing sent that does not fit or would not decode.
+//! Roles that get any messages and events at any times, in any order: no panic, a bounded number of outputs,
+//! deadlines in the future, and no message that does not fit or would not decode.
 
 use crate::support;
 
@@ -35,7 +35,7 @@ use support::{
 };
 use zigbee_link::wire::ShortAddress;
 
-/// Where anything comes from.
+/// Source of anything.
 struct Any(ChaCha8Rng);
 
 impl Any {
@@ -101,7 +101,7 @@ impl Any {
             },
             standing_sigma: self.sigma(),
         });
-        // What decodes is sound.
+        // A value that decodes is sound.
         place.unwrap_or_else(|_| self.place())
     }
 
@@ -299,7 +299,7 @@ fn live<R: Role>(mut station: Station<R>, any: &mut Any, event: impl Fn(&mut Any
             _ => now + 1000 * u64::from(any.below(10_000)),
         };
     }
-    // Sound or not, what came in: what goes out is sound.
+    // Sound or not, whatever came in: the output is sound.
     for sent in &air.sent {
         let mut buffer = [0; 256];
         let bytes = postcard::to_slice(&sent.message, &mut buffer).unwrap();

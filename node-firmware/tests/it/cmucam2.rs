@@ -41,7 +41,7 @@ fn sight(script: Script, columns: u16) -> (Sight, MockUart) {
     (Sight::new(camera, Cmucam2Settings::new(columns)), line)
 }
 
-/// All that starting up sends, to an idle camera.
+/// All that start-up sends, to an idle camera.
 fn started() -> Script {
     set_up(
         Script::idle().on("GV\r", format!("ACK\r{BANNER}")),
@@ -160,7 +160,7 @@ fn a_colour_is_learnt() {
     line.assert_finished();
 }
 
-/// What is outside the middle of the view is counted where the object is not alone.
+/// The outside of the middle of the view is counted where the object is not alone.
 #[test]
 fn a_colour_that_the_background_has_is_refused() {
     let learn = |outer: [&str; 4]| {
@@ -237,7 +237,7 @@ fn a_dead_line_is_survived() {
 }
 
 /// A camera that lost its power streams where poll mode was set. The driver sets all again, but
-/// gain and white balance are no longer what they were, so it is started up.
+/// gain and white balance have changed, so it is started up.
 #[test]
 fn a_restart_within_a_look_is_survived() {
     const SEEN: &str = "ACK\rT 44 70 40 60 48 77 20 201\r:";
@@ -262,7 +262,7 @@ fn a_restart_within_a_look_is_survived() {
         .iter()
         .fold(script, |script, command| script.on(command, "ACK\r:"))
         .on("TC\r", SEEN)
-        // Told of the restart, nobody read that.
+        // Told of the restart, but that was not read.
         .on("\r", "ACK\r:")
         .on("\r", "ACK\r:")
         .on("GV\r", format!("ACK\r{BANNER}"));
@@ -270,7 +270,7 @@ fn a_restart_within_a_look_is_survived() {
     let (mut sight, line) = sight(script, 88);
     wait(sight.start_up()).unwrap();
     let camera = Lens::pin_hole(88, 45.0).camera().unwrap();
-    // Of the middle between its edges.
+    // The direction of the middle between its edges.
     let expected = camera.bearing(43.0);
     let mut judge = Judge::new(camera, Patience::default(), Shape::Any);
     let seen = wait(look(&mut sight, Subject::Colour(ORANGE), &mut judge));
@@ -285,8 +285,8 @@ fn a_restart_within_a_look_is_survived() {
     line.assert_finished();
 }
 
-/// Power fails between two looks; the banner waits until somebody reads it. The driver sets the modes
-/// again by itself, but the background and what was adapted to are lost all the same.
+/// Power fails between two looks; the banner waits until it is read. The driver sets the modes again by
+/// itself, but the background and the adaptation are lost all the same.
 #[test]
 fn a_restart_between_two_looks_is_told_whoever_notices_it() {
     type Act = fn(&mut Sight) -> Result<(), VisionError>;
@@ -313,7 +313,7 @@ fn a_restart_between_two_looks_is_told_whoever_notices_it() {
             sight.next().await.map(|_| ())
         })
     };
-    // The command during which the banner is read, and what is sent again.
+    // The command during which the banner is read, and the commands that are sent again.
     for (act, during, again) in [
         (begin, ST, &[ST][..]),
         (background, LF, &[LF]),

@@ -31,7 +31,7 @@ use virtual_bench::flash::FlashError;
 const LEN: u32 = flash::length(32);
 const WHOLE: u32 = facts::BYTES;
 const SLOT: usize = 96;
-/// Whose facts they are.
+/// Owner of the facts.
 const OWNER: u32 = 0x0123_4567;
 
 fn place() -> Place<f32> {
@@ -185,7 +185,7 @@ fn recall(flash: &mut Flash) -> Vec<Fact> {
     })
 }
 
-/// Where the bank in force starts, of a flash at rest.
+/// Start of the bank in force, of a flash at rest.
 fn bank(flash: &Flash) -> usize {
     match flash.bytes()[..2] {
         [1, 255] => 0,
@@ -260,7 +260,7 @@ fn format() {
     assert_eq!(bearings, [&[10, 63][..], &range.repeat(6)].concat());
     let none = bytes(&Fact::WalkBearings(63, [None; BEARINGS_PER_RECORD]));
     assert_eq!(none, [10, 63, 0, 0, 0, 0, 0, 0]);
-    // Whose they are.
+    // Their owner.
     let mut flash = flash::chip(32, 0);
     assert_eq!(recall(&mut flash), []);
     let owner = bank(&flash) + SLOT;
@@ -310,8 +310,8 @@ fn all_facts_of_a_target_fit_together() {
     assert_eq!((slots, slots - 1 - (facts.len() + 1)), (298, 96));
 }
 
-/// What is erased is written down as well, in the room of what it replaces. So there is as much room
-/// before as after, and nothing is lost whichever a role writes first.
+/// An erasure is written down as well, in the room of the fact that it replaces. So there is as much room
+/// before as after, and nothing is lost in whichever order a role writes.
 #[test]
 fn erasing_needs_no_room_and_makes_none() {
     let known = |n: u8, id| Fact::Camera(n, Some((n.into(), report(id))));
@@ -354,8 +354,8 @@ fn a_full_memory_is_begun_anew() {
     }
 }
 
-/// What another node, or this one in another role, has written is not recalled; nor is what firmware
-/// of the former version has.
+/// Facts that another node, or this one in another role, has written are not recalled; nor are those of
+/// firmware of the former version.
 #[test]
 fn facts_of_others_are_dropped() {
     let mut flash = flash::chip(32, 7);
@@ -386,15 +386,15 @@ fn facts_of_others_are_dropped() {
     assert_eq!(recall(&mut flash), longest());
 }
 
-/// One bit may flip: nothing is lost. Of any damage to one record this one is lost at most, and
-/// what it replaced does not come back; to that of the owner, all are.
+/// One bit may flip: nothing is lost. With any damage to one record only this one is lost at most, and its
+/// predecessor does not come back; with damage to that of the owner, all are lost.
 #[test]
 fn rot_is_survived() {
     let mut whole = flash::chip(32, 4);
     save(&mut whole, &[sighting(SIGHTINGS as u8 - 1, 7.0)]);
     save(&mut whole, &longest());
     let mut rng = ChaCha8Rng::seed_from_u64(0x5071);
-    // The header, the owner, and what was replaced come first.
+    // The header, the owner, and the replaced fact come first.
     let slots = longest().len() + 3;
     for bit in (0..slots * SLOT * 8).step_by(13) {
         let mut flash = whole.copy();
@@ -405,7 +405,7 @@ fn rot_is_survived() {
         let mut flash = whole.copy();
         let slot = round % slots;
         for _ in 0..rng.random_range(2..20) {
-            // But for the key, which tells what is lost.
+            // All but the key, which tells the fact that is lost.
             let at = bank(&whole) + slot * SLOT + rng.random_range(2..SLOT);
             flash.bytes_mut()[at] ^= 1 << rng.random_range(0..8);
         }

@@ -1,5 +1,5 @@
-//! What goes wrong in a network of roles, and what each of them makes of it: contradictions, memories
-//! with gaps, more news than room, parts that are replaced.
+//! Faults in a network of roles, and their effect on each of them: contradictions, memories with gaps, more
+//! news than room, parts that are replaced.
 
 use crate::support;
 
@@ -32,9 +32,9 @@ use support::{
 };
 use zigbee_link::wire::ShortAddress;
 
-/// The carrier is pushed aside between two stops, and his sensor misses it; or one reference camera
-/// takes something else for the target at one stop. What contradicts itself is no answer, and says
-/// why. Stops after that one decide.
+/// The carrier is pushed aside between two stops, and his sensor misses it; or one reference camera takes
+/// something else for the target at one stop. A contradiction is no answer, and says why. Stops after that
+/// one decide.
 #[test]
 fn references_that_contradict_each_other_want_more_stops() {
     for seed in 0..20 {
@@ -63,8 +63,8 @@ fn references_that_contradict_each_other_want_more_stops() {
     }
 }
 
-/// A lens that is not as configured contradicts itself at every stop. There is an answer in the
-/// end, which says how bad it is: neither of both is calibrated.
+/// A lens that is not as configured contradicts itself at every stop. There is an answer in the end, which
+/// says how bad it is: neither camera is calibrated.
 #[test]
 fn references_with_a_wrong_lens_come_to_an_answer() {
     let mut net = Net::new(PERFECT, 14, with_references);
@@ -104,7 +104,7 @@ fn a_doubtful_camera_is_none_that_is_calibrated() {
         net.show_to(2, Some([x + off[0], y + off[1]]));
         net.walk();
         let [doubtful, right] = [2, 3].map(|n| net.reports()[n]);
-        // Of fewer, most may agree by chance.
+        // Of fewer sightings, most may agree by chance.
         if doubtful.sightings >= 8 {
             assert_eq!(doubtful.status(), Status::Doubtful, "{doubtful:?}");
             assert!(!net.cameras[2].role.indication().calibrated);
@@ -126,7 +126,7 @@ fn a_doubtful_camera_is_none_that_is_calibrated() {
     assert_eq!(*net.cameras[2].role.report(), report);
 }
 
-/// Of four sightings, nobody can tell which one is wrong. The fifth one decides.
+/// With four sightings, it cannot be told which one is wrong. The fifth one decides.
 #[test]
 fn a_wrong_sighting_is_outvoted_in_the_end() {
     let config = |n| CameraConfig {
@@ -201,8 +201,8 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
     }
 }
 
-/// A record in the middle of a camera's facts rots away. What it recalls takes other places, and
-/// what it learns then is written over none of it.
+/// A record in the middle of a camera's facts rots away. The recalled ones take other places, and new ones
+/// are written over none of them.
 #[test]
 fn facts_with_a_gap_survive_restarts() {
     let mut net = Net::new(PERFECT, 15, refining);
@@ -263,8 +263,8 @@ fn learnt_colours_survive_a_restart() {
     assert_eq!(tasks.take(), []);
 }
 
-/// A broadcast of everybody's news comes to the coordinator at once, and it has more to write down
-/// than it had room for once. After a restart it knows all of it.
+/// The coordinator gets news of all members at once, and has more to write down than it had room for once.
+/// After a restart it knows all of it.
 #[test]
 fn no_news_is_too_much_to_be_written_down() {
     let mut station =
@@ -303,7 +303,7 @@ fn no_news_is_too_much_to_be_written_down() {
     assert_eq!(reports.collect::<Vec<_>>(), [2; 32]);
 }
 
-/// The line to the PC is slow. What the PC wanted is done all the same, or it hears that not.
+/// The line to the PC is slow. The PC's requests are carried out all the same, or it hears that they are not.
 #[test]
 fn a_pc_is_told_of_every_command() {
     let told = Rc::new(RefCell::new(Vec::new()));
@@ -380,7 +380,7 @@ fn a_reference_in_place_of_another_is_appointed() {
     assert_eq!(station.facts, [Fact::References(Some(references))]);
 }
 
-/// What was solved is not told any more.
+/// Its solutions are not told any more.
 #[test]
 fn a_reference_forgets() {
     let mut net = Net::new(PERFECT, 16, with_references);
@@ -403,8 +403,8 @@ fn a_reference_forgets() {
     );
 }
 
-/// Of two commands that wait for a camera that is busy, the later one counts, that of a button too;
-/// whoever wanted the other is told.
+/// If two commands wait for a busy camera, the later one counts, that of a button too; the sender of the
+/// other is told.
 #[test]
 fn a_command_that_is_given_up_is_answered() {
     let mut station = Station::<camera::CameraRole>::new(
@@ -430,7 +430,7 @@ fn a_command_that_is_given_up_is_answered() {
     assert!(air.sent.iter().any(|sent| sent.message == done));
 }
 
-/// Nobody knows when a camera that does not start will, and what is in its view then.
+/// The start time of a camera that does not start, and its view then, are not known.
 #[test]
 fn what_a_camera_that_does_not_start_is_told_is_not_done_later() {
     let tasks = Rc::new(RefCell::new(Vec::new()));
@@ -527,8 +527,8 @@ fn former_references_have_no_duty() {
     }
 }
 
-/// It saw the target at stops of known places before the answer of the first one came. It tells of
-/// its stops as a reference, or of these, not of both.
+/// It saw the target at stops of known places before the answer of the first one came. It tells its stops as
+/// a reference, or these, not both.
 #[test]
 fn a_reference_drops_its_sightings() {
     let seen = Seen::direction(0.1, 0.01);

@@ -10,12 +10,12 @@ use support::{
     site::camera_config,
 };
 
-/// Who has which address in the new network: the cameras, the target.
+/// Addresses in the new network: the cameras, the target.
 const ADDRESSES: ([u16; 5], u16) = ([2, 10, 1, 5, 4], 3);
 
 const NEW_PAN: u16 = 0x4321;
 
-/// The coordinator begins anew. Everybody loses the network, and joins the next one.
+/// The coordinator begins anew. All nodes lose the network, and join the next one.
 fn provision_coordinator(net: &mut Net) {
     net.coordinator.erase();
     net.coordinator.restart(net.now);
@@ -73,8 +73,8 @@ fn references_of_a_former_network_are_none() {
     }
 }
 
-/// Who is done keeps its pose, for it stands where it stood. Others begin anew: which target their
-/// sightings are of, nobody knows.
+/// A camera that is done keeps its pose, for it stands where it stood. Others begin anew: the targets of
+/// their sightings are not known.
 #[test]
 fn poses_outlive_a_network_and_sightings_do_not() {
     let mut net = Net::new(PERFECT, 5, |n| {
@@ -252,8 +252,8 @@ fn a_cut_while_a_network_is_forgotten_leaves_nothing() {
     }
 }
 
-/// The first reference had solved, and nobody heard of it. What waited to be sent in the former
-/// network is not sent to others in the next; and its pose alone would be of no use there.
+/// The first reference had solved, and no other node heard of it. Messages that waited in the former network
+/// are not sent to others in the next; and its pose alone would be of no use there.
 #[test]
 fn nothing_is_sent_to_former_addresses() {
     let mut net = Net::new(PERFECT, 7, with_references);

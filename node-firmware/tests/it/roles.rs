@@ -26,7 +26,7 @@ use support::{
 };
 use zigbee_link::{Instant, wire::ShortAddress};
 
-/// Three stops of the references, and with the third one three of everybody else.
+/// Three stops of the references, and with the third one three of all other cameras.
 #[test]
 fn references_then_everybody() {
     let mut net = Net::new(PERFECT, 1, with_references);
@@ -52,7 +52,7 @@ fn sightings(net: &Net) -> Vec<u8> {
     reports.iter().map(|report| report.sightings).collect()
 }
 
-/// The table of Appendix B, and what the coordinator and the PC know.
+/// The table of Appendix B, and the knowledge of the coordinator and the PC.
 #[test]
 fn everybody_knows_the_poses() {
     let mut net = Net::new(PERFECT, 2, with_references);
@@ -80,10 +80,10 @@ fn everybody_knows_the_poses() {
     assert!((position.x - 5.5).abs() < 0.15 && (position.y - 8.8).abs() < 0.15);
 }
 
-/// Over many worlds the squared errors are what the covariances say: 3 on average for 3 numbers.
-/// The errors of the cameras of one world have those of its references in common, so that the mean
-/// of 320 worlds is good to a tenth. It is below 3, because targets here do not move at all while they
-/// stand, and say that they might.
+/// Over many worlds the squared errors are as large as the covariances say: 3 on average for 3 numbers. The
+/// cameras of one world have the errors of its references in common, so that the mean of 320 worlds is good
+/// to a tenth. It is below 3, because targets here do not move at all while they stand, and say that they
+/// might.
 #[test]
 fn errors_are_as_large_as_predicted() {
     let (mut sum, mut count) = (0.0, 0.0);
@@ -100,7 +100,7 @@ fn errors_are_as_large_as_predicted() {
     assert!((2.0..2.6).contains(&mean), "{mean}");
 }
 
-/// The first two that see the target become the references; whoever is first is the origin.
+/// The first two that see the target become the references; the first one is the origin.
 #[test]
 fn references_are_elected() {
     let config = |n: usize| CameraConfig {
@@ -146,7 +146,7 @@ fn doubled_and_reordered_is_the_same() {
     }
 }
 
-/// What a camera counts, what it wrote down, and what the target knows of it are one number.
+/// A camera's count, its records, and the target's knowledge of it are one number.
 fn check_counts(net: &Net) {
     for (n, camera) in net.cameras.iter().enumerate().skip(2) {
         let stops: BTreeSet<_> = camera
@@ -198,7 +198,7 @@ fn a_camera_that_is_done_is_left_alone() {
     // It looks, for the target's sake, and learns nothing.
     assert_eq!(*net.looks.borrow(), [8; 5]);
     assert_eq!(net.reports(), reports);
-    // Nobody is asked: one broadcast for each stop, and an answer from each.
+    // No camera is asked: one broadcast for each stop, and an answer from each.
     let asked = net
         .air
         .sent
@@ -244,7 +244,7 @@ fn a_weak_pose_asks_for_more() {
     assert!(!weak.is_empty());
     assert!(weak.iter().all(|r| r.status() == Status::Weak), "{weak:?}");
     assert!(done.iter().all(|r| r.status() == Status::Calibrated));
-    // What was seen is kept.
+    // Sightings are kept.
     assert!(sightings(&net).iter().all(|&n| n >= 3));
     net.walk_to(18);
     assert!(net.are_all_done());
@@ -315,7 +315,7 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
     }
 }
 
-/// What cameras saw before the target was lost says nothing of where it is.
+/// Sightings from before the target was lost say nothing about its place.
 #[test]
 fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     let mut net = Net::new(PERFECT, 8, with_references);
@@ -354,7 +354,7 @@ fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     assert!(!net.target.role.position().1);
 }
 
-/// With a place that nobody can send there is nothing to tell, and nothing to wait for.
+/// With a place that cannot be sent there is nothing to tell, and nothing to wait for.
 #[test]
 fn a_target_without_a_place_does_not_spin() {
     let config = TargetConfig {
@@ -414,7 +414,7 @@ fn restart_one(net: &mut Net, rng: &mut ChaCha8Rng) {
     net.wait();
 }
 
-/// The first reference solves, and loses its power before anybody hears of it.
+/// The first reference solves, and loses its power before others hear of it.
 #[test]
 fn the_second_reference_gets_its_pose_after_a_restart_of_the_first() {
     let mut net = Net::new(PERFECT, 9, with_references);
@@ -438,8 +438,8 @@ fn the_second_reference_gets_its_pose_after_a_restart_of_the_first() {
     net.check_poses(same, 4.5);
 }
 
-/// Of three cameras the first never reports; the coordinator restarts twice, and one of the others
-/// has news in between. What was written down last of each is known.
+/// The first of three cameras never reports; the coordinator restarts twice, and one of the others has news
+/// in between. The last record of each is known.
 #[test]
 fn a_table_with_gaps_survives_restarts() {
     let mut station =
@@ -476,7 +476,7 @@ fn a_table_with_gaps_survives_restarts() {
     assert_eq!(known, [(2, 3), (3, 4)]);
 }
 
-/// What one camera learnt is forgotten there, over restarts too, and learnt again.
+/// The knowledge of one camera is forgotten there, over restarts too, and learnt again.
 #[test]
 fn a_camera_forgets() {
     let mut net = Net::new(PERFECT, 10, refining);
@@ -502,7 +502,7 @@ fn a_camera_forgets() {
     net.check_poses(same, 4.5);
 }
 
-/// A carrier of whom nothing is known: the cameras tell his errors, and he tells their poses.
+/// A carrier about whom nothing is known: the cameras tell his errors, and he tells their poses.
 #[test]
 fn an_unknown_carrier_is_estimated_with_the_cameras() {
     let (mut errors, mut checked) = (Vec::new(), 0);
@@ -529,11 +529,11 @@ fn an_unknown_carrier_is_estimated_with_the_cameras() {
     let sum = |n: usize| errors.iter().map(|errors| errors[n]).sum::<f64>().sqrt();
     let (alone, together) = (sum(0), sum(1));
     assert!(together < 0.3 * alone, "{together}, alone {alone}");
-    // Twelve stops that all see leave little unchecked.
+    // Twelve stops that all cameras see leave little unchecked.
     assert!(checked >= 20, "{checked}");
 }
 
-/// Somebody bumps a camera that is calibrated. It says so, and calibrates itself again.
+/// A calibrated camera is bumped. It says so, and calibrates itself again.
 #[test]
 fn a_camera_that_was_moved_is_estimated_anew() {
     let mut net = Net::estimating(PERFECT, 3, refining);
@@ -555,7 +555,7 @@ fn a_camera_that_was_moved_is_estimated_anew() {
     let turned = error(&pose, &CAMERAS[3]);
     assert!((turned.z - 0.1).abs() < 0.02, "{turned}");
     assert!(turned.xy().norm() < 0.3, "{turned}");
-    // Nobody else was led astray.
+    // No other camera was led astray.
     for n in [2, 4] {
         let off = error(&net.poses()[n].unwrap(), &CAMERAS[n]);
         assert!(off.xy().norm() < 0.2, "{n}: {off}");
@@ -634,8 +634,8 @@ fn a_stop_told_late_is_ignored() {
 }
 
 /// A camera was deaf while the target stood there, and hears of the stop when it stands elsewhere: an
-/// attacker recorded the frame and jammed the camera. It looks, sees the target, and says so; nobody
-/// makes anything of that.
+/// attacker recorded the frame and jammed the camera. It looks, sees the target, and says so; no node uses
+/// that.
 #[test]
 fn a_stop_heard_when_the_target_stands_elsewhere_gives_no_sighting_and_no_bearing() {
     for (camera, stops) in [(0, 1), (1, 1), (2, 4)] {

@@ -1,5 +1,5 @@
-//! One role, and nobody else but the test: references that are replaced or contradict each other,
-//! power that is cut between two facts, messages of the wrong member.
+//! One role, alone with the test: references that are replaced or contradict each other, power that is cut
+//! between two facts, messages of the wrong member.
 
 use crate::support;
 
@@ -32,7 +32,7 @@ use support::{
 };
 use zigbee_link::wire::ShortAddress;
 
-/// What a camera sees of a place, without an error.
+/// A camera's sighting of a place, without an error.
 fn sees(camera: &Truth, place: [f64; 2]) -> Seen {
     use std::f64::consts::PI;
     let to = Point2::from(place) - camera.position;
@@ -43,7 +43,7 @@ fn sees(camera: &Truth, place: [f64; 2]) -> Seen {
     )
 }
 
-/// The first camera, and nobody else but this test.
+/// The first camera, alone with this test.
 struct Alone {
     camera: Station<CameraRole>,
     air: Air,
@@ -78,7 +78,7 @@ impl Alone {
     }
 
     fn act(&mut self) {
-        // Devices are done at once; another moment for what they told, and for its answers.
+        // Devices are done at once; another moment for their events, and for its answers.
         for _ in 0..3 {
             self.now += SECOND / 10;
             self.camera.act(self.now, &mut self.air);
@@ -155,8 +155,8 @@ impl Alone {
 
 const NO_PUSH: fn(usize) -> [f64; 2] = |_| [0.0; 2];
 
-/// The second reference camera is replaced, or both change places for a while. What the former one
-/// saw counts no more, over a restart too, wherever the power is cut.
+/// The second reference camera is replaced, or both change places for a while. The sightings of the former
+/// one count no more, over a restart too, wherever the power is cut.
 #[test]
 fn another_second_camera_begins_anew() {
     for interlude in [&[(1, 3)][..], &[(2, 1), (1, 3)], &[(3, 2), (1, 3)]] {
@@ -274,8 +274,8 @@ fn what_cannot_be_checked_is_no_way_out() {
     assert!(contradictions > 5, "{contradictions}");
 }
 
-/// The first reference solves, and loses its power between two facts that it writes down. From the
-/// deciding one on nothing is lost; and when all are written, no stop is left.
+/// The first reference solves, and loses its power between two facts that it writes down. From the deciding
+/// one on nothing is lost; and when all are written, no stop is left.
 #[test]
 fn a_cut_while_a_solve_is_written_down_loses_nothing() {
     let mut alone = Alone::new(with_references(0));
@@ -323,8 +323,8 @@ fn a_cut_while_a_solve_is_written_down_loses_nothing() {
     }
 }
 
-/// A camera that was none becomes a reference while the target still stands. What it saw there counts
-/// from the next stop on: this one it has answered.
+/// A camera that was none becomes a reference while the target still stands. Its sighting there counts from
+/// the next stop on: this one it has answered.
 #[test]
 fn a_camera_that_was_none_becomes_a_reference() {
     let mut alone = Alone::new(camera_config(None));
@@ -400,7 +400,7 @@ fn pose_of(camera: &Truth) -> PoseParts {
     }
 }
 
-/// Where a target is, only the first reference camera solves.
+/// Only the first reference camera solves the place of a target.
 #[test]
 fn a_place_is_taken_from_the_first_reference_only() {
     let (mut now, mut air) = (0, Air::new(PERFECT, 1));
@@ -427,7 +427,7 @@ fn a_place_is_taken_from_the_first_reference_only() {
         frame_heading: 0.0,
         frame_heading_sigma: 0.01,
     });
-    // One that nobody knows as a camera, the coordinator, and two with other duties.
+    // A node that is not known as a camera, the coordinator, and two with other duties.
     for from in [20, 0, 2, 3] {
         target.hear(now, ShortAddress(from), &located);
         assert!(!target.role.position().1, "{from}");
@@ -450,8 +450,8 @@ fn a_place_is_taken_from_the_first_reference_only() {
     }
 }
 
-/// One camera is enough for a target whose size is known, and which knows the direction of its sensor
-/// from before its restart: where it is follows from bearing and range.
+/// One camera is enough for a target whose size is known, and which knows the direction of its sensor from
+/// before its restart: its place follows from bearing and range.
 #[test]
 fn one_camera_finds_a_target_whose_size_is_known() {
     const RADIUS: f32 = 0.1;
@@ -474,7 +474,7 @@ fn one_camera_finds_a_target_whose_size_is_known() {
             scale: 1.0,
         }));
         let mut stop = stand(&mut target, &mut now, &mut air);
-        // The second stop confirms what nothing checks at the first.
+        // The second stop confirms the answer that nothing checks at the first.
         for (n, place) in STOPS[..2].iter().enumerate() {
             assert!(!target.role.position().1);
             if n > 0 {
@@ -500,8 +500,8 @@ fn one_camera_finds_a_target_whose_size_is_known() {
     }
 }
 
-/// The direction of a sensor follows from two places, and is as uncertain as both. Two bearings at a stop
-/// are checked by none, so it counts when the third place agrees.
+/// The direction of a sensor follows from two places, and is as uncertain as both. Nothing checks two
+/// bearings at a stop, so it counts when the third place agrees.
 #[test]
 fn a_direction_from_a_poor_place_is_none() {
     let poor = 0.05;

@@ -1,4 +1,4 @@
-//! What a target says its places share: the errors that all of its steps make in the same way.
+//! Common errors of a target's places, as it tells them: those that all of its steps make in the same way.
 
 use core::time::Duration;
 
@@ -67,7 +67,7 @@ impl Carrier {
         }
     }
 
-    /// What it tells when it stands.
+    /// Its message when it stands.
     fn stand(&mut self) -> Stopped {
         let mut told = None;
         for _ in 0..30 {
@@ -131,7 +131,7 @@ fn in_the_frame_of_the_site_its_direction_errs_as_well() {
     let found = carrier.stand();
     assert_eq!(found.frame, CoordinateFrame::Site);
     assert_ne!(found.place.parts().fix, first.place.parts().fix);
-    // What was walked before is forgotten.
+    // The walk before is forgotten.
     assert_near(found.place.covariance().m11, 1e-4);
     carrier.walk(5.0);
     let place = carrier.stand().place;

@@ -1,5 +1,5 @@
-//! The wire formats of messages and console, which are interfaces: golden bytes of every variant,
-//! lengths, and that nothing unsound decodes.
+//! The wire formats of messages and console, which are interfaces: golden bytes of every variant, lengths,
+//! and that nothing unsound decodes.
 
 use calib_core::{
     Refusal, Status,
@@ -564,7 +564,7 @@ fn a_key_with_flipped_bits_is_no_key() {
             frame[bit / 8] ^= 1 << (bit % 8);
         }
         let mut frames = Frames::default();
-        // What a false end of the frame makes of the rest counts too.
+        // Messages from the rest after a false end of the frame count too.
         let heard = frame.iter().filter_map(|&byte| frames.push::<FromPc>(byte));
         heard.count()
     };
@@ -784,7 +784,7 @@ fn every_message_fits_a_frame() {
     assert_eq!(lengths, LENGTHS);
 }
 
-/// Told to the PC, the longest of what cameras send still fits a frame of the console.
+/// Told to the PC, the longest message of a camera still fits a frame of the console.
 #[test]
 fn every_line_to_the_pc_fits() {
     let address = u16::MAX;
@@ -803,7 +803,7 @@ fn every_line_to_the_pc_fits() {
     }
 }
 
-/// What decodes has only finite numbers in it, and is itself when it is sent on.
+/// A decoded message has only finite numbers in it, and is itself when it is sent on.
 fn check(bytes: &[u8]) {
     let Ok(message) = postcard::from_bytes::<Message>(bytes) else {
         return;
@@ -892,7 +892,7 @@ fn unsound_values_do_not_decode() {
     }
 }
 
-/// A report says of a pose what it is worth, and of no pose that it is worth anything.
+/// A report tells the status of a pose, and none without one.
 #[test]
 fn a_report_has_a_status() {
     for (state, status) in [
@@ -919,7 +919,7 @@ proptest! {
         check(&bytes);
     }
 
-    /// Of one kind each, so that the inner parts are reached.
+    /// Bytes of one kind each, so that the inner parts are reached.
     #[test]
     fn any_bytes_behind_a_kind(kind in 0_u8..18, bytes in prop::collection::vec(any::<u8>(), 0..100)) {
         let mut all = vec![kind];

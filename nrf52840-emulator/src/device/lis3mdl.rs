@@ -33,16 +33,16 @@ const NOISE: f64 = 0.35;
 pub struct Lis3mdl {
     /// `WHO_AM_I`.
     pub identity: u8,
-    /// What is magnetic about the board it is on, uT.
+    /// Field of magnetic parts of the board it is on, uT.
     pub hard_iron: [f64; 3],
-    /// How large its noise is, of what the data sheet says.
+    /// Size of its noise, as a share of the data sheet's.
     pub noise: f64,
     world: Arc<dyn World>,
     random: Noise,
     registers: [u8; 64],
     /// The number of a register, and whether it counts up in longer transfers.
     pointer: u8,
-    /// When it measures next.
+    /// Time of the next measurement.
     next: Option<u64>,
 }
 
@@ -66,7 +66,7 @@ impl Lis3mdl {
         chip
     }
 
-    /// "Register mapping": what is not zero.
+    /// "Register mapping": the registers that are not zero.
     fn reset(&mut self) {
         self.registers = [0; 64];
         self.registers[usize::from(CTRL_REG1)] = 0x10;
@@ -165,7 +165,7 @@ impl Lis3mdl {
                 self.reset();
                 return Ok(());
             }
-            // "Register mapping": what may be written.
+            // "Register mapping": registers that may be written.
             0x05..=0x0a | 0x20..=0x24 | 0x30 | 0x32..=0x33 => {}
             _ => return Err("a register of the LIS3MDL that is reserved, or only read"),
         }

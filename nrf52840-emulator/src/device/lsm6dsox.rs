@@ -69,9 +69,9 @@ fn divider(rate: u8) -> Option<u64> {
 pub struct Lsm6dsox {
     /// `WHO_AM_I`.
     pub identity: u8,
-    /// `INTERNAL_FREQ_FINE`: how much faster its clock goes than it should, in steps of 0.15 %.
+    /// `INTERNAL_FREQ_FINE`: error of its clock, in steps of 0.15 %, positive if it is fast.
     pub fine: i8,
-    /// How large its noise is, of what the data sheet says.
+    /// Size of its noise, as a share of the data sheet's.
     pub noise: f64,
     world: Arc<dyn World>,
     random: Noise,
@@ -111,7 +111,7 @@ impl Lsm6dsox {
         chip
     }
 
-    /// "Register mapping": what is not zero.
+    /// "Register mapping": the registers that are not zero.
     fn reset(&mut self) {
         self.registers = [0; 128];
         self.registers[usize::from(CTRL3_C)] = IF_INC;
@@ -216,7 +216,7 @@ impl Lsm6dsox {
         usize::from(self.get(FIFO_CTRL1)) | usize::from(self.get(FIFO_CTRL2) & 1) << 8
     }
 
-    /// How many words there is room for: `STOP_ON_WTM`.
+    /// Number of words there is room for: `STOP_ON_WTM`.
     fn depth(&self) -> usize {
         match self.get(FIFO_CTRL2) >> 7 {
             0 => WORDS,
@@ -297,14 +297,14 @@ impl Lsm6dsox {
                 return Ok(());
             }
             FUNC_CFG_ACCESS if value != 0 => return not_modelled,
-            // Compression, and what else may be put into the FIFO.
+            // Compression, and other data for the FIFO.
             FIFO_CTRL2 if value & 0x5e != 0 => return not_modelled,
             FIFO_CTRL4 if value & 0xf0 != 0 || !matches!(value & 7, 0 | 1 | 6) => {
                 return not_modelled;
             }
             // Another meaning of the ranges.
             CTRL8_XL if value & 2 != 0 => return not_modelled,
-            // "Register mapping": what may be written.
+            // "Register mapping": registers that may be written.
             0x01..=0x02 | 0x04..=0x0e | 0x10..=0x19 | 0x56..=0x62 | 0x73..=0x75 => {}
             _ => return Err("a register of the LSM6DSOX that is reserved, or only read"),
         }

@@ -1,4 +1,4 @@
-//! Chips on the bus of TWIM0, each after its data sheet, and what the world does to them.
+//! Chips on the bus of TWIM0, each after its data sheet, and the motion and field that act on them.
 
 mod lis3mdl;
 mod lsm6dsox;
@@ -10,7 +10,7 @@ use std::{
 
 pub use self::{lis3mdl::Lis3mdl, lsm6dsox::Lsm6dsox};
 
-/// What acts on sensors at one instant, along the axes x, y and z printed on them.
+/// Motion and field that act on sensors at one instant, along the axes x, y and z printed on them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Specific force, m/s^2: at rest, 9.81 along the axis that points up.
@@ -35,10 +35,10 @@ impl Default for Motion {
 /// m/s^2.
 const STANDARD_GRAVITY: f64 = 9.806_65;
 
-/// What sensors are in.
+/// Surroundings of sensors.
 pub trait World: fmt::Debug + Send + Sync {
-    /// What acts on them at an instant, nanoseconds since power came. Asked for instants that may lie
-    /// seconds back, in no order.
+    /// Motion and field at an instant, nanoseconds since power came. Asked for instants that may lie seconds back,
+    /// in no order.
     fn at(&self, now: u64) -> Motion;
 }
 
@@ -54,8 +54,8 @@ impl World for Motion {
 pub struct Samples(Mutex<Vec<(u64, Motion)>>);
 
 impl Samples {
-    /// From this instant on, nanoseconds since power came. What was told for later instants is void. A
-    /// chip measures when it is asked: what is told of a time before the last question may come late.
+    /// Sets the motion from this instant on, nanoseconds since power came. All that was told for later instants is
+    /// void. A chip measures when it is asked: a motion for a time before the last question may come late.
     pub fn push(&self, at: u64, motion: Motion) {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = all.partition_point(|&(earlier, _)| earlier < at);
@@ -78,7 +78,7 @@ pub trait Chip: fmt::Debug + Send {
     /// A write has ended: the first byte names a register.
     ///
     /// # Errors
-    /// What the data sheet forbids, or is not modelled.
+    /// An action that the data sheet forbids, or that is not modelled.
     fn write(&mut self, bytes: &[u8], now: u64) -> Result<(), &'static str>;
 
     /// A read of so many bytes has ended.

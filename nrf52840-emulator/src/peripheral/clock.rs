@@ -45,8 +45,8 @@ pub struct Clock {
     any_low: Option<EventId>,
     /// RESETREAS.
     pub cause: u32,
-    /// From when on the high-frequency crystal starts: a fault of the board. What was begun earlier never
-    /// ends.
+    /// Time from which on the high-frequency crystal starts: a fault of the board. A start that was begun earlier
+    /// never ends.
     pub hfxo_from: u64,
     /// The same for the crystal of 32.768 kHz.
     pub lfxo_from: u64,
@@ -57,7 +57,7 @@ impl Clock {
     pub(crate) const KEPT: [u16; 2] = RETAINED;
 }
 
-/// Tells the radio, or the RTC, whether its clock runs.
+/// Tells the radio, or the RTC, if its clock runs.
 fn tell([base, offset]: [u64; 2], runs: bool, call: &mut Call<'_, '_>) {
     let address = base + offset;
     call.context
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!((bench.took(1), bench.get(LFCLKSTAT)), (false, RUNNING));
         bench.pass(1);
         assert_eq!((bench.took(1), bench.get(LFCLKSTAT)), (true, RUNNING | 1));
-        // Nobody is there to hear it.
+        // No other peripheral is there to hear it.
         assert!(bench.forbidden().iter().all(|told| *told == "PTR"));
         bench.set(LFCLKSRC, 0);
         assert_eq!(bench.forbidden(), ["LFCLKSRC"]);

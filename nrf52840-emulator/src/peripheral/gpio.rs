@@ -20,7 +20,7 @@ const LATCH: u16 = 0x520;
 const DETECTMODE: u16 = 0x524;
 const PIN_CNF: core::ops::RangeInclusive<u16> = 0x700..=0x77c;
 
-/// Where GPIOTE tells which pins of the first port its channels drive, then their levels, and for which
+/// Registers where GPIOTE tells which pins of the first port its channels drive, then their levels, and for which
 /// they listen; those of the second port follow. Programs know nothing of these.
 pub(super) const DRIVEN: u16 = 0xf00;
 const DRIVEN_END: u16 = DRIVEN + 12 * PORTS as u16;
@@ -42,13 +42,13 @@ struct Port {
     taken: u32,
     level: u32,
     heard: u32,
-    /// LATCH, and whether it is what DETECT follows.
+    /// LATCH, and true if DETECT follows it.
     latch: u32,
     is_latched: bool,
 }
 
 impl Port {
-    /// What its pins drive; those of inputs and of open drains that drive nothing count as high.
+    /// Levels that its pins drive; those of inputs and of open drains that drive nothing count as high.
     fn driven(&self) -> u32 {
         self.value() | self.released()
     }
@@ -97,13 +97,13 @@ impl Port {
 /// the chip was restarted: a fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Held {
-    /// From when to when, at most.
+    /// Time from begin to end, at most.
     pub during: Range<u64>,
     /// The pins of the lines, of the first port.
     pub data: u8,
     /// See `data`.
     pub clock: u8,
-    /// Until the clock has fallen so often while the program drives it, if that ends it.
+    /// Falls of the clock, while the program drives it, that end the hold, if that ends it.
     pub clocks: Option<u8>,
 }
 
@@ -113,7 +113,7 @@ impl Held {
     }
 }
 
-/// What becomes of the pins from outside: inputs of a port are pulled down, or the bus is held or let go.
+/// Change of the pins from outside: inputs of a port are pulled down, or the bus is held or let go.
 #[derive(Clone, Copy, Debug)]
 enum Change {
     Pulls(u8, u32),
@@ -124,16 +124,16 @@ enum Change {
 /// "GPIO").
 #[derive(Debug)]
 pub struct Gpio {
-    /// When outputs changed: the port, and what its pins drive; those of inputs count as high.
+    /// Times when outputs changed: the port, and the levels that its pins drive; those of inputs count as high.
     pub changes: Vec<(u64, u8, u32)>,
     /// Inputs that something outside pulls down.
     low: [u32; PORTS],
     held: Option<Held>,
     held_low: [u32; PORTS],
-    /// What happens from outside, and when.
+    /// Coming events from outside, and their times.
     coming: Vec<(EventId, u64, Change)>,
     ports: [Port; PORTS],
-    /// What others were told: what pins drive, connected inputs' levels, and DETECT.
+    /// States that others were told: driven pins, connected inputs' levels, and DETECT.
     driven: [u32; PORTS],
     inputs: [u32; PORTS],
     detects: [bool; PORTS],
@@ -232,8 +232,8 @@ impl Gpio {
         if is_held { data } else { 0 }
     }
 
-    /// Tells what has become of a port's pins. `again`: LATCH was cleared, which makes an edge of what is
-    /// left in it.
+    /// Tells the new state of a port's pins. `again`: LATCH was cleared, which makes an edge of what is left in
+    /// it.
     fn follow(&mut self, number: usize, again: bool, call: &mut Call<'_, '_>) {
         let port = &self.ports[number];
         let driven = port.driven();
@@ -330,7 +330,7 @@ impl Model for Gpio {
         }
     }
 
-    /// What is outside stays, and has been told what pins drove; it [goes on](Self::go_on) afterwards.
+    /// Conditions outside stay, and know what the pins drove; it goes on afterwards.
     fn reset(&mut self) {
         *self = Self {
             changes: core::mem::take(&mut self.changes),
@@ -428,7 +428,7 @@ mod tests {
         }
     }
 
-    /// S0D1: a one lets go, and what is outside pulls it down.
+    /// S0D1: a one lets go, and a contact outside pulls it down.
     #[test]
     fn an_open_drain_is_pulled_down() {
         const OUTPUT: u32 = 1;

@@ -4,7 +4,7 @@ use rigless::soc::Width;
 
 use super::{Call, DONE, Model, gpio};
 
-/// Where it is (Product Specification, "Instantiation"), and the pins.
+/// Its address (Product Specification, "Instantiation"), and that of the pins.
 pub(crate) const BASE: u64 = 0x4000_6000;
 pub(crate) const PINS: u64 = 0x5000_0000;
 
@@ -15,12 +15,12 @@ const PORT: u16 = 31;
 /// Tasks of the first channel: that of its polarity, set, clear.
 const TASKS: [u16; 3] = [0, 12, 24];
 
-/// Where the pins tell the levels of connected inputs, one register a port, and that DETECT has risen.
+/// Registers where the pins tell the levels of connected inputs, one register a port, and that DETECT has risen.
 /// Programs know nothing of these.
 pub(super) const INPUTS: u16 = 0xf00;
 pub(super) const DETECTED: u16 = 0xf08;
 
-/// What a channel does.
+/// Use of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
     Disabled,
@@ -32,7 +32,7 @@ enum Mode {
 #[derive(Clone, Copy, Debug)]
 struct Channel {
     mode: Mode,
-    /// Of both ports.
+    /// Number of the pin, of both ports.
     pin: u32,
     rising: bool,
     falling: bool,
@@ -263,7 +263,7 @@ mod tests {
         }
     }
 
-    /// Who looks for a level needs an input that is connected. A channel connects its own, and makes it an input.
+    /// A pin that looks for a level needs a connected input. A channel connects its own, and makes it an input.
     #[test]
     fn a_channel_connects_its_input() {
         for configured in [0b00, 0b10, 0b11] {
@@ -332,7 +332,7 @@ mod tests {
         pins.pull(0, 0);
         pins.pull(0, 1 << 12);
         assert!(pins.took(PORT));
-        // One that is there already when somebody begins to look for it.
+        // A level that is there already when a pin begins to look for it.
         pins.configure(0, 12, 3 << 2);
         pins.configure(0, 12, 3 << 2 | 3 << 16);
         assert!(pins.took(PORT));
@@ -348,7 +348,7 @@ mod tests {
         pins.pull(0, 0);
         pins.pull(0, 1 << 11);
         assert!(!pins.took(PORT));
-        // What is still there makes an event again; what is not, does not.
+        // A level that is still there makes an event again; one that is gone does not.
         pins.set(LATCH, 1 << 11);
         assert!(pins.took(PORT));
         pins.configure(0, 11, 3 << 2);

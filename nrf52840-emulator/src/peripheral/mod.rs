@@ -1,8 +1,8 @@
-//! What the chip's peripherals share (Product Specification, "Peripheral interface"), and a model of each.
+//! Parts common to the chip's peripherals (Product Specification, "Peripheral interface"), and a model of each.
 //!
-//! A peripheral is 4 KiB of registers. Tasks are started by a write of 1 to the first of them, events are
-//! flags behind those, and an interrupt is pending while an event is set that INTEN enables. A [`Model`]
-//! says what a task does; an [`Instance`] gives it the rest.
+//! A peripheral is 4 KiB of registers. Tasks are started by a write of 1 to the first of them, events are flags
+//! behind those, and an interrupt is pending while an event is set that INTEN enables. A [`Model`] defines its
+//! tasks; an [`Instance`] gives it the rest.
 
 pub(crate) mod clock;
 mod egu;
@@ -43,7 +43,7 @@ use rigless::{
     time::{EventId, VirtualNanos},
 };
 
-/// Over which wires bytes go, and how fast.
+/// Wires over which bytes go, and their rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wires {
     /// Numbers of pins, those of the second port from 32 on; [`NOT_CONNECTED`](Self::NOT_CONNECTED) or above: none.
@@ -60,16 +60,15 @@ impl Wires {
 /// Nanoseconds of a microsecond.
 pub const US: u64 = 1_000;
 
-/// Token of what is written to memory; what is read has others.
+/// Token of writes to memory; reads have others.
 const DONE: u64 = 0;
-/// Token of what is read, where there is one kind of it.
+/// Token of reads, where there is one kind of them.
 const READ: u64 = 1;
 
 /// Words of a peripheral.
 const WORDS: usize = 1024;
 
-/// Where the events start, and the registers that all have (Product Specification, "Peripheral
-/// interface").
+/// Offsets of the events, and of the registers that all have (Product Specification, "Peripheral interface").
 const EVENTS: u16 = 0x100;
 const SHORTS: u16 = 0x200;
 const INTEN: u16 = 0x300;
@@ -79,7 +78,7 @@ const INTENCLR: u16 = 0x308;
 /// The last byte of data RAM, and the first (Product Specification, "Memory map").
 const RAM: core::ops::Range<u64> = 0x2000_0000..0x2004_0000;
 
-/// The registers of any peripheral: what each is for is the model's.
+/// The registers of any peripheral: their purposes are the model's.
 pub(crate) static REGISTERS: [RegisterSpec; WORDS] = {
     let plain = RegisterSpec {
         name: "register",
@@ -123,7 +122,7 @@ impl Layout for Word {
     }
 }
 
-/// What a model reaches while it is called.
+/// Parts that a model reaches while it is called.
 pub struct Call<'a, 'b> {
     file: &'a mut RegisterFile,
     context: &'a mut DeviceContext<'b>,
@@ -174,7 +173,7 @@ impl Call<'_, '_> {
         self.happened.push(number);
     }
 
-    /// Tells what the specification forbids, by the register it concerns.
+    /// Tells of a use that the specification forbids, by the register it concerns.
     pub fn forbid(&mut self, register: &'static str, what: &'static str) {
         self.context.tell(register, what);
     }
@@ -198,7 +197,7 @@ impl Call<'_, '_> {
         }
     }
 
-    /// Whether EasyDMA reaches these bytes: data RAM only (Product Specification, "EasyDMA"). Otherwise it
+    /// Returns true if EasyDMA reaches these bytes: data RAM only (Product Specification, "EasyDMA"). Otherwise it
     /// is told.
     fn reaches(&mut self, pointer: u32, length: u32) -> bool {
         let (from, to) = (u64::from(pointer), u64::from(pointer) + u64::from(length));
@@ -210,13 +209,13 @@ impl Call<'_, '_> {
     }
 }
 
-/// What a peripheral does.
+/// Behaviour of a peripheral.
 pub trait Model: core::fmt::Debug {
     /// A task was started.
     fn task(&mut self, _number: u16, _call: &mut Call<'_, '_>) {}
     /// A register behind the events was written, INTEN too.
     fn write(&mut self, _offset: u16, _value: u32, _call: &mut Call<'_, '_>) {}
-    /// What a register reads as, unless it is what was last put there.
+    /// Value that a register reads as, unless it is what was last put there.
     fn read(&mut self, _offset: u16, _call: &mut Call<'_, '_>) -> Option<u32> {
         None
     }
@@ -224,7 +223,7 @@ pub trait Model: core::fmt::Debug {
     fn shortcut(&mut self, _event: u16, _call: &mut Call<'_, '_>) {}
     /// An instant asked for has come.
     fn due(&mut self, _id: EventId, _call: &mut Call<'_, '_>) {}
-    /// What was read from memory.
+    /// A value that was read from memory.
     fn answer(&mut self, _token: u64, _value: u32, _call: &mut Call<'_, '_>) {}
     /// An event of another peripheral.
     fn hear(&mut self, _instance: &str, _event: u16, _call: &mut Call<'_, '_>) {}
@@ -237,7 +236,7 @@ pub trait Model: core::fmt::Debug {
 /// A peripheral of the chip: a model with its interrupt.
 #[derive(Debug)]
 pub struct Instance<M> {
-    /// What it does.
+    /// Its behaviour.
     pub model: M,
     enabled: u32,
     is_pending: bool,
@@ -253,7 +252,7 @@ impl<M: Model> Instance<M> {
         }
     }
 
-    /// Whether its interrupt is pending.
+    /// Returns true if its interrupt is pending.
     pub fn is_pending(&self) -> bool {
         self.is_pending
     }
@@ -487,7 +486,7 @@ pub(crate) mod bench {
             self.set(number * 4, 1);
         }
 
-        /// Whether the event happened since it was last asked.
+        /// Returns true if the event happened since it was last asked.
         pub(crate) fn took(&mut self, event: u16) -> bool {
             let flag = self.get(EVENTS + 4 * event) != 0;
             self.set(EVENTS + 4 * event, 0);
@@ -520,7 +519,7 @@ pub(crate) mod bench {
             self.now = end;
         }
 
-        /// What was told of what is forbidden.
+        /// Forbidden uses that were told.
         pub(crate) fn forbidden(&mut self) -> Vec<&'static str> {
             let told = self.chip.drain_told();
             told.iter().map(|told| told.register).collect()

@@ -22,53 +22,54 @@ const ERASING: u32 = 2;
 /// "NVMC", `t_WRITE` and `t_ERASEPAGE`, at most.
 const WRITE_TIME: u64 = 41 * US;
 const ERASE_TIME: u64 = 85_000 * US;
-/// "NVMC", `n_WRITE`: how often a word is written between two erasures.
+/// "NVMC", `n_WRITE`: number of times that a word is written between two erasures.
 const WRITES: u8 = 2;
 
 /// Token of the first word of a page that is read; those of the others follow.
 const PAGE_READ: u64 = READ + 1;
 
-/// What is under way. Some of its bits are done at once and the others at the end, so that a loss of power in
-/// between leaves a torn word or page.
+/// Work under way. Some of its bits are done at once and the others at the end, so that a loss of power in between
+/// leaves a torn word or page.
 #[derive(Clone, Copy, Debug)]
 enum Work {
     Word { address: u64, old: u32, value: u32 },
     Page { address: u64 },
 }
 
-/// The processor stands still meanwhile; who runs the chip sees to that, by [`busy_until`](Self::busy_until).
+/// The processor stands still meanwhile; the thread that runs the chip sees to that, by
+/// [`busy_until`](Self::busy_until).
 #[derive(Debug, Default)]
 pub struct Nvmc {
     ready: u64,
     /// The first is under way, and the others wait for it: one instruction can store several words.
     works: VecDeque<(EventId, Work)>,
-    /// Words to be written once it is read what is there, in order.
+    /// Words to be written once the old contents are read, in order.
     wanted: VecDeque<(u64, u32)>,
-    /// How often words were written since they were erased; one that is not blank when power comes counts as
-    /// written once.
+    /// Number of times that words were written since they were erased; one that is not blank when power comes
+    /// counts as written once.
     times: BTreeMap<u64, u8>,
-    /// Of the bits that a loss of power leaves.
+    /// Seed of the bits that a loss of power leaves.
     seed: u64,
     random: u64,
     /// Words written.
     pub words: u64,
-    /// When pages were erased, and their addresses.
+    /// Times when pages were erased, and their addresses.
     pub erased: Vec<(u64, u64)>,
-    /// From when to when it wrote or erased: what power interrupts then is torn.
+    /// Times from begin to end of its writes and erasures: those that a loss of power interrupts are torn.
     pub operations: Vec<Range<u64>>,
     /// UICR was written, which is valid from the next reset on.
     pub has_settings: bool,
-    /// Addresses that keep what they hold, whatever is written or erased: a fault of the chip.
+    /// Addresses that keep what they hold, though they are written or erased: a fault of the chip.
     pub worn: Option<Range<u64>>,
 }
 
 impl Nvmc {
-    /// Until when it stops the processor.
+    /// Time until which it stops the processor.
     pub fn busy_until(&self) -> u64 {
         self.ready
     }
 
-    /// Which bits a loss of power leaves comes from this seed.
+    /// The bits that a loss of power leaves come from this seed.
     pub(crate) fn draw_from(&mut self, seed: u64) {
         self.seed = seed;
     }
@@ -151,7 +152,7 @@ impl Model for Nvmc {
             self.erase(u64::from(value) & !(PAGE - 1), call);
         }
         match offset {
-            // Of the cache nothing can be seen but how fast it is.
+            // Only the speed of the cache can be seen.
             CONFIG | ERASEPAGE | ICACHECNF => {}
             0x50c..=0x51c => call.forbid(
                 "ERASEALL",
@@ -297,7 +298,7 @@ mod tests {
         assert!(blank == BLANK && last != BLANK && last != 0);
     }
 
-    /// What was written before power came counts.
+    /// Writes from before power came count.
     #[test]
     fn what_is_not_blank_has_been_written() {
         let mut bench = Bench::new(Nvmc::default());

@@ -17,7 +17,7 @@ const CHANNELS: u16 = 20;
 /// Its channels (Product Specification, "PPI"). Of the pre-programmed ones there is none here.
 #[derive(Debug)]
 pub struct Ppi {
-    /// Who is where.
+    /// Addresses of the peripherals.
     bases: Vec<(&'static str, u64)>,
 }
 

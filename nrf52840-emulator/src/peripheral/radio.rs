@@ -4,9 +4,9 @@ use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, SHORTS, US};
 
-/// Where it is (Product Specification, "Instantiation").
+/// Its address (Product Specification, "Instantiation").
 pub(crate) const BASE: u64 = 0x4000_1000;
-/// Where CLOCK tells whether the crystal of 32 MHz runs. Programs know nothing of it.
+/// Register where CLOCK tells if the crystal of 32 MHz runs. Programs know nothing of it.
 pub(super) const HFXO: u16 = 0xf00;
 
 const CRCSTATUS: u16 = 0x400;
@@ -73,10 +73,10 @@ pub(crate) const RESET: [(u16, u32); 6] = [
     (POWER, 1),
 ];
 
-/// What IEEE 802.15.4 needs, of which bits of which register: a length of eight bits that counts the FCS,
-/// behind a preamble of 32 zeros; 127 bytes at most, without address and whitening, the least bits first; the
-/// FCS of two bytes without the length; the standard's start of a frame (Product Specification, "RADIO",
-/// IEEE 802.15.4 operation).
+/// Requirements of IEEE 802.15.4 on bits of registers: a length of eight bits that counts the FCS, behind a
+/// preamble of 32 zeros; 127 bytes at most, without address and whitening, the least bits first; the FCS of two
+/// bytes without the length; the standard's start of a frame (Product Specification, "RADIO", IEEE 802.15.4
+/// operation).
 const SET_UP: [(&str, u16, u32, u32); 7] = [
     ("MODE", MODE, 0xf, IEEE_802_15_4),
     ("PCNF0", PCNF0, !(1 << 20), 1 << 26 | 2 << 24 | 8),
@@ -107,9 +107,9 @@ const SHORTCUTS: [(u16, u16, u16); 13] = [
 /// A frame on the air.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// When its preamble starts, nanoseconds.
+    /// Time when its preamble starts, nanoseconds.
     pub start: u64,
-    /// Who sends it.
+    /// Number of the node that sends it.
     pub node: usize,
     /// FREQUENCY: MHz above 2400.
     pub frequency: u32,
@@ -120,12 +120,12 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// When its length has been sent.
+    /// Time when its length has been sent.
     pub fn body(&self) -> u64 {
         self.start + HEADER
     }
 
-    /// When it is over.
+    /// Time when it is over.
     pub fn end(&self) -> u64 {
         self.body() + self.psdu.len() as u64 * AIR_PER_BYTE
     }
@@ -155,22 +155,22 @@ enum State {
     TxDisable = 12,
 }
 
-/// How a frame arrives at a radio.
+/// Way in which a frame arrives at a radio.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Arrival {
-    /// Of its energy and its quality, as the chip measures them: 0 to 63, in steps of 1 dB from -92 dBm
+    /// Level of its energy and its quality, as the chip measures them: 0 to 63, in steps of 1 dB from -92 dBm
     /// (Product Specification, "RADIO").
     pub level: u8,
     /// It is too weak to be taken for a frame.
     pub is_faint: bool,
     /// It stands out from all that is on the air when it begins.
     pub stands_out: bool,
-    /// Of which nodes the frames do not stand out any more once it has begun; none if of all.
+    /// Nodes whose frames do not stand out any more once it has begun; none if those of all.
     pub spoils: Option<Vec<usize>>,
 }
 
 impl From<u8> for Arrival {
-    /// Where frames that overlap spoil each other, whatever their levels.
+    /// Frames that overlap spoil each other, at any levels.
     fn from(level: u8) -> Self {
         Self {
             level,
@@ -181,24 +181,24 @@ impl From<u8> for Arrival {
     }
 }
 
-/// What a frame on the air is to this radio.
+/// A frame on the air, as this radio meets it.
 #[derive(Debug)]
 struct Heard {
     frame: Frame,
     arrival: Arrival,
-    /// How many of its edges the radio has met.
+    /// Number of its edges that the radio has met.
     met: usize,
 }
 
 impl Heard {
-    /// When it begins, its length is over, and it ends.
+    /// Times when it begins, when its length is over, and when it ends.
     fn edges(&self) -> [u64; 3] {
         [self.frame.start, self.frame.body(), self.frame.end()]
     }
 }
 
-/// The radio of one chip. A frame is told when its transmitter ramps up, so that whoever carries it to
-/// others knows of it before it is on the air.
+/// The radio of one chip. A frame is told when its transmitter ramps up, so that its carrier to others knows of it
+/// before it is on the air.
 #[derive(Debug, Default)]
 pub struct Radio {
     /// Frames that this radio sends, in order, to be taken.
@@ -207,7 +207,7 @@ pub struct Radio {
     pub sticks_at: Option<u64>,
     /// Frames received, and those whose FCS was wrong.
     pub received: [u64; 2],
-    /// How long it received and sent until its state last changed, nanoseconds.
+    /// Times for which it received and sent until its state last changed, nanoseconds.
     on: [u64; 2],
     node: usize,
     state: State,
@@ -215,16 +215,16 @@ pub struct Radio {
     step: Option<EventId>,
     assessment: Option<(EventId, u64)>,
     air: Vec<Heard>,
-    /// Until when something else is on a FREQUENCY, or on all.
+    /// Times until which something else is on a FREQUENCY, or on all.
     jammed: Vec<(u64, Option<u32>)>,
-    /// The start of the frame being received, by whom, and whether it is whole.
+    /// The start of the frame being received, its sender, and true if it is whole.
     reception: Option<(u64, usize, bool)>,
     /// FREQUENCY as it was when it was enabled, and PACKETPTR when it was started or, to send, enabled.
     frequency: u32,
     pointer: u32,
     packet: Vec<u8>,
     is_body: bool,
-    /// When the frame that was told starts, until it does.
+    /// Time when the frame that was told starts, until it does.
     starts: u64,
 }
 
@@ -238,7 +238,7 @@ impl Radio {
     }
 
     /// A frame of another node arrives, which starts now or later. Its beginning is met when the radio is next
-    /// called after it; whoever watches that is called when its length has been.
+    /// called after it; a caller that watches that is called when its length has been.
     ///
     /// # Panics
     /// The frame has already begun.
@@ -253,7 +253,7 @@ impl Radio {
         });
     }
 
-    /// A node loses its power at an instant: what it sends then is not received whole.
+    /// A node loses its power at an instant: a frame that it sends then is not received whole.
     pub fn cut_off(&mut self, node: usize, now: u64) {
         let frames = self.air.iter_mut();
         for heard in frames.filter(|heard| heard.frame.node == node && heard.frame.end() > now) {
@@ -301,7 +301,7 @@ impl Radio {
         self.since = now;
     }
 
-    /// How long it received and sent until now, nanoseconds.
+    /// Times for which it received and sent until now, nanoseconds.
     pub fn on_until(&self, now: u64) -> [u64; 2] {
         let which = match self.state {
             State::Disabled => None,
@@ -324,7 +324,7 @@ impl Radio {
         }
     }
 
-    /// FREQUENCY, and whether all is set up as it must be.
+    /// Takes over FREQUENCY, and tells of registers that are not set up as they must be.
     fn set_up(&mut self, call: &mut Call<'_, '_>) {
         for (register, offset, bits, value) in SET_UP {
             if call.get(offset) & bits != value {
@@ -417,8 +417,8 @@ impl Radio {
         }
     }
 
-    /// Whether anything on the channel between two instants makes it busy: the carrier of a frame for as many
-    /// symbols as CCACORRCNT says, unless that is 0; or the energy of all frames, in the mean (Product
+    /// Returns true if anything on the channel between two instants makes it busy: the carrier of a frame for as
+    /// many symbols as CCACORRCNT says, unless that is 0; or the energy of all frames, in the mean (Product
     /// Specification, "RADIO", CCACTRL). A frame correlates better than any CCACORRTHRES.
     fn is_busy(&self, from: u64, to: u64, call: &Call<'_, '_>) -> bool {
         let control = call.get(CCACTRL);
@@ -437,7 +437,7 @@ impl Radio {
             count > 0 && heard().any(|(arrival, overlap)| !arrival.is_faint && overlap >= least);
         let power = |level: f64| 10_f64.powf(level / 10.0);
         let energy = heard().map(|(arrival, overlap)| power(arrival.level.into()) * overlap as f64);
-        // What is no frame has energy, however short it is, and no carrier of one.
+        // A signal that is no frame has energy, however short it is, and no carrier of one.
         let is_jammed = { self.jammed.iter() }.any(|(until, which)| {
             *until > from && which.is_none_or(|which| which == self.frequency)
         });
@@ -781,7 +781,7 @@ mod tests {
         assert_eq!(bench.get(CRCSTATUS), 1);
     }
 
-    /// Its length interrupts when it is there, if it is to; or is found there by whoever looks.
+    /// Its length interrupts when it is there, if it is to; or a program that looks finds it there.
     #[test]
     fn the_middle_of_a_frame_is_told_to_those_who_watch() {
         for is_enabled in [false, true] {
@@ -811,7 +811,7 @@ mod tests {
         assert_eq!(bench.chip.model.model.received, [0, 1]);
     }
 
-    /// In the middle of it, or before it has begun; not where it is over, nor what others send.
+    /// In the middle of it, or before it has begun; not where it is over, nor the frames of others.
     #[test]
     fn what_is_cut_off_is_not_received_whole() {
         for (at, node, received) in [
@@ -832,7 +832,7 @@ mod tests {
         }
     }
 
-    /// Who carries the frames says which of them survives: the first one, if at all.
+    /// The caller that carries the frames says which of them survives: the first one, if at all.
     #[test]
     fn a_frame_that_stands_out_survives() {
         let weak = |spoils: &[usize]| Arrival {
@@ -954,8 +954,8 @@ mod tests {
         assert!(!bench.took(FRAMESTART) && !bench.took(END));
     }
 
-    /// Whether an assessment finds the channel busy, in this mode, with a threshold of 17 and this count, while
-    /// frames arrive after so long at such levels.
+    /// Returns true if an assessment finds the channel busy, in this mode, with a threshold of 17 and this count,
+    /// while frames arrive after so long at such levels.
     fn is_busy(mode: u32, count: u32, frames: &[(u64, Arrival)]) -> bool {
         let mut bench = bench();
         bench.set(CCACTRL, mode | 17 << 8 | count << 24);
@@ -987,7 +987,7 @@ mod tests {
         assert!(!is_busy(3, 2, &[]));
     }
 
-    /// Too short a carrier is none, nor is one where nobody looks for it, or of what is too weak.
+    /// Too short a carrier is none, nor is one where no assessment looks for it, or of a frame that is too weak.
     #[test]
     fn a_carrier_is_seen_for_its_symbols() {
         let faint = Arrival {

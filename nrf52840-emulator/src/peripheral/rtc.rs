@@ -4,9 +4,9 @@ use rigless::time::EventId;
 
 use super::{Call, INTEN, INTENCLR, INTENSET, Model};
 
-/// Where it is: RTC1 (Product Specification, "Instantiation").
+/// Its address: RTC1 (Product Specification, "Instantiation").
 pub(crate) const BASE: u64 = 0x4001_1000;
-/// Where CLOCK tells whether LFCLK runs. Programs know nothing of it.
+/// Register where CLOCK tells if LFCLK runs. Programs know nothing of it.
 pub(super) const LFCLK: u16 = 0xf00;
 
 const EVTEN: u16 = 0x340;
@@ -23,8 +23,8 @@ const MASK: u64 = 0xff_ffff;
 const HZ: u128 = 32_768;
 const SECOND: u128 = 1_000_000_000;
 
-/// Where the counter is N, a comparison with N or N + 1 that is set then may happen or not, one with N + 2
-/// does (Product Specification, "RTC", compare): those that may not do not here.
+/// Least distance of a comparison from the counter N: one with N or N + 1 that is set then may happen or not, one
+/// with N + 2 does (Product Specification, "RTC", compare). Those that may happen or not do not happen here.
 const SOONEST: u64 = 2;
 
 /// Events happen only where INTEN or EVTEN enables them, and other peripherals hear of them where EVTEN does
@@ -32,12 +32,12 @@ const SOONEST: u64 = 2;
 #[derive(Debug, Default)]
 pub struct Rtc {
     is_started: bool,
-    /// Since when it counts.
+    /// Time since which it counts.
     since: Option<u64>,
     /// Ticks before that.
     before: u64,
     divider: u64,
-    /// When each comparison was set.
+    /// Times when the comparisons were set.
     set: [u64; 4],
     next: Option<EventId>,
 }
@@ -66,8 +66,8 @@ impl Rtc {
         since + (ticks * SECOND).div_ceil(HZ) as u64
     }
 
-    /// Calls it when the counter next changes, which is no event, if this register shows the counter: whoever
-    /// looks on again and again may sleep until then.
+    /// Calls it when the counter next changes, which is no event, if this register shows the counter: a program
+    /// that reads it again and again may sleep until then.
     pub(crate) fn wake(&self, offset: u16, call: &mut Call<'_, '_>) {
         if let Some(since) = self.since.filter(|_| offset == COUNTER) {
             let next = self.ticks(call.now()) + 1;
@@ -75,7 +75,7 @@ impl Rtc {
         }
     }
 
-    /// Whether a comparison was set too late for this count.
+    /// Returns true if a comparison was set too late for this count.
     fn is_too_soon(&self, event: u16, ticks: u64) -> bool {
         let channel = event.checked_sub(COMPARE).map(usize::from);
         let set = channel.and_then(|channel| self.set.get(channel));
@@ -100,7 +100,7 @@ impl Rtc {
         let ticks = self.ticks(call.now());
         let ahead = Self::targets(call)
             .into_iter()
-            // What is equal now comes round again.
+            // A target that is equal now comes round again.
             .map(|(event, target)| (event, (target.wrapping_sub(ticks + 1) & MASK) + 1))
             .map(
                 |(event, ahead)| match self.is_too_soon(event, ticks + ahead) {

@@ -1,4 +1,4 @@
-//! TEMP: how warm the chip is.
+//! TEMP: the temperature of the chip.
 
 use rigless::time::EventId;
 
@@ -8,7 +8,7 @@ const TEMP: u16 = 0x508;
 const DATARDY: u16 = 0;
 /// Product Specification, "TEMP", `t_TEMP`.
 const TAKES: u64 = 36 * US;
-/// 25 degrees, in quarters of a degree: what all figures of the specification are for.
+/// 25 degrees, in quarters of a degree: the temperature of all figures of the specification.
 const USUAL: i32 = 100;
 
 /// A thermometer, whose registers hold trim values too, which start-up code copies.

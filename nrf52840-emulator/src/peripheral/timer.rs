@@ -11,7 +11,7 @@ const CC: u16 = 0x540;
 const COMPARE: u16 = 16;
 /// After a reset.
 pub(crate) const RESET: [(u16, u32); 1] = [(PRESCALER, 4)];
-/// Of TIMER0 to TIMER2; the others have two more.
+/// Channels of TIMER0 to TIMER2; the others have two more.
 const CHANNELS: u16 = 4;
 const CC_END: u16 = CC + 4 * CHANNELS;
 
@@ -20,7 +20,7 @@ const CC_END: u16 = CC + 4 * CHANNELS;
 #[derive(Debug, Default)]
 pub struct Timer {
     count: u64,
-    /// Since when it runs as a timer.
+    /// Time since which it runs as a timer.
     since: Option<u64>,
     is_running: bool,
     next: Option<EventId>,

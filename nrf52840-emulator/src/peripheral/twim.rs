@@ -20,9 +20,9 @@ const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 const ADDRESS: u16 = 0x588;
 
-/// Where it is (Product Specification, "Instantiation").
+/// Its address (Product Specification, "Instantiation").
 pub(crate) const BASE: u64 = 0x4000_3000;
-/// Where the pins tell whether the bus is held low. Programs know nothing of it.
+/// Register where the pins tell if the bus is held low. Programs know nothing of it.
 pub(super) const HELD: u16 = 0xf00;
 
 /// After a reset: no pins, 250 kbit/s.
@@ -48,7 +48,7 @@ const SHORTCUTS: [(u16, u16, u16); 6] = [
     (11, LASTRX, 7),
     (12, LASTRX, 5),
 ];
-/// ERRORSRC: nobody answered to the address.
+/// ERRORSRC: no chip answered to the address.
 const NO_ANSWER: u32 = 2;
 /// Two bits of the slowest bus.
 const STOP_TIME: u64 = 20 * US;
@@ -64,11 +64,11 @@ enum Step {
 /// Transfers take the time of their bits, and are done at its end.
 #[derive(Debug, Default)]
 pub struct Twim {
-    /// By their addresses.
+    /// Chips by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// Transfers that ended.
     pub transfers: u64,
-    /// From when on it transfers over which wires, data and clock, to be taken.
+    /// Times from which on it transfers over which wires, data and clock, to be taken.
     pub wired: Vec<(u64, Wires)>,
     /// The last of them.
     wires: Option<Wires>,
@@ -228,7 +228,7 @@ impl Model for Twim {
         if offset == ERRORSRC {
             self.error &= !value;
         }
-        // Nor does what was under way end.
+        // A transfer under way does not end either.
         if offset == HELD && value != 0 {
             self.step = None;
         }

@@ -45,19 +45,19 @@ const FIFO: usize = 4;
 /// In ERRORSRC, the only cause that is modelled.
 const OVERRUN: u32 = 1;
 
-/// What is at the other end of the line.
+/// Device at the other end of the line.
 pub trait Peer: fmt::Debug + Send {
     /// A byte has arrived at an instant.
     fn receive(&mut self, byte: u8, at: u64);
     /// A byte that has been sent by now.
     fn transmit(&mut self, now: u64) -> Option<u8>;
-    /// When it will have sent the next one, as far as it knows.
+    /// Time when it will have sent the next one, as far as it knows.
     fn next(&self) -> Option<u64>;
-    /// From outside it is given a byte that it will have sent at an instant.
+    /// Gives it, from outside, a byte that it will have sent at an instant.
     fn give(&mut self, _byte: u8, _at: u64) {}
 }
 
-/// A line to somebody elsewhere.
+/// A line to a device elsewhere.
 #[derive(Debug, Default)]
 pub struct Wire(VecDeque<(u64, u8)>);
 
@@ -89,29 +89,29 @@ struct Buffer {
 /// Eight bits, no parity, one stop bit, without flow control.
 #[derive(Debug, Default)]
 pub struct Uarte {
-    /// When bytes were sent, and which.
+    /// Bytes that were sent, and the times.
     pub sent: Vec<(u64, u8)>,
-    /// Buffers whose bytes it begins to send, and when, to be taken: whoever carries them to others knows of
-    /// them before they are out.
+    /// Buffers whose bytes it begins to send, and the times, to be taken: their carrier to others knows of them
+    /// before they are out.
     pub begun: Vec<(u64, Vec<u8>)>,
-    /// From when on it transfers over which wires, to be taken.
+    /// Times from which on it transfers over which wires, to be taken.
     pub wired: Vec<(u64, Wires)>,
     /// The last of them.
     wires: Option<Wires>,
     /// Bytes that came while there was no room.
     pub overruns: u64,
-    /// From when to when there is no room whatever the program does: memory is too slow.
+    /// Times from begin to end during which there is no room, whatever the program does: memory is too slow.
     pub full: Option<Range<u64>>,
-    /// How long bytes were on the line, nanoseconds: both directions together.
+    /// Time for which bytes were on the line, nanoseconds: both directions together.
     pub transferred: u64,
-    /// How long the receiver ran until it was last switched off, and since when it runs.
+    /// Time for which the receiver ran until it was last switched off, and the time since which it runs.
     listened: u64,
     since: u64,
-    /// What ERRORSRC shows.
+    /// Value that ERRORSRC shows.
     errors: u32,
     peer: Option<Box<dyn Peer>>,
     tx: Option<(Buffer, EventId)>,
-    /// Of the buffer that is sent.
+    /// Bytes of the buffer that is sent.
     out: Vec<u8>,
     rx: Option<Buffer>,
     /// The receiver runs, with a buffer or without.
@@ -167,7 +167,7 @@ impl Uarte {
         }
     }
 
-    /// Starts the receiver; what came before was not heard.
+    /// Starts the receiver; bytes from before were not heard.
     fn switch_on(&mut self, call: &mut Call<'_, '_>) {
         if !self.is_on {
             self.is_on = true;
@@ -185,7 +185,7 @@ impl Uarte {
         self.next = None;
     }
 
-    /// How long the receiver ran until now, nanoseconds.
+    /// Time for which the receiver ran until now, nanoseconds.
     pub fn listened_until(&self, now: u64) -> u64 {
         let running = if self.is_on {
             now.saturating_sub(self.since)
@@ -254,7 +254,7 @@ impl Model for Uarte {
             call.forbid("ENABLE", "a task while it is not enabled (\"UARTE\")");
             return;
         }
-        // What is under way goes on.
+        // A transfer under way goes on.
         if number == 0 && self.rx.is_some() || number == 2 && self.tx.is_some() {
             call.forbid(
                 "TASKS_START",
@@ -299,7 +299,7 @@ impl Model for Uarte {
                 call.event(TXSTOPPED);
             }
             11 => {
-                // What waits goes to the buffer that is set up.
+                // Bytes that wait go to the buffer that is set up.
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
                 if call.reaches(pointer, max) {
                     self.rx = Some(Buffer {
@@ -378,7 +378,7 @@ impl Model for Uarte {
             self.errors &= !value;
             call.set(ERRORSRC, self.errors);
         }
-        // What is switched off keeps nothing, as chips do.
+        // A UARTE that is switched off keeps nothing, as chips do.
         if offset == ENABLE && value != 8 {
             self.switch_off(call.now());
             Model::reset(self);
@@ -401,7 +401,7 @@ mod tests {
     use super::*;
     use crate::peripheral::bench::Bench;
 
-    /// Says what it hears, a millisecond later.
+    /// Sends the bytes that it hears, a millisecond later.
     #[derive(Debug, Default)]
     struct Echo(VecDeque<(u64, u8)>);
 
@@ -499,7 +499,7 @@ mod tests {
             bench.set(ERRORSRC, written);
             assert_eq!(bench.get(ERRORSRC), left);
         }
-        // What waited comes first.
+        // Bytes that waited come first.
         bench.set(RX_MAX, 4);
         bench.task(0);
         assert!(bench.took(ENDRX));

@@ -13,7 +13,7 @@ const CRV: u16 = 0x504;
 const RREN: u16 = 0x508;
 const CONFIG: u16 = 0x50c;
 const RELOAD: core::ops::Range<u16> = 0x600..0x620;
-/// What does not change while it runs.
+/// Registers that do not change while it runs.
 const SET_UP: [u16; 3] = [CRV, RREN, CONFIG];
 /// Product Specification, "WDT", RR.
 const KEY: u32 = 0x6e52_4635;
@@ -26,7 +26,7 @@ const POSTPONED: u64 = 2 * 1_000_000_000 / 32_768;
 #[derive(Debug, Default)]
 pub struct Watchdog {
     next: Option<EventId>,
-    /// When it bites.
+    /// Time when it bites.
     pub(crate) deadline: u64,
     requested: u32,
     /// CRV, RREN and CONFIG as they were when it was started: they are what they were until it stops.
@@ -41,7 +41,7 @@ impl Watchdog {
     /// Registers that stay through a reset by the program.
     pub(crate) const KEPT: [u16; 4] = [RUNSTATUS, CRV, RREN, CONFIG];
 
-    /// Whether it runs, by its registers.
+    /// Returns true if it runs, by its registers.
     pub(crate) fn is_running(call: &Call<'_, '_>) -> bool {
         call.get(RUNSTATUS) != 0
     }

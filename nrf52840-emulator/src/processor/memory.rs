@@ -10,7 +10,7 @@ use rustix::{
     param::page_size,
 };
 
-/// What regions begin at and end at: the largest page of a processor that `rigless` has.
+/// Size to which the begins and ends of regions are aligned: the largest page of a processor that `rigless` has.
 const PAGE: usize = 4096;
 
 const READ_WRITE: ProtFlags = ProtFlags::READ.union(ProtFlags::WRITE);
@@ -28,7 +28,7 @@ fn file() -> io::Result<OwnedFd> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
-/// Where some bytes of the guest are, in an order of their own.
+/// Place of some bytes of the guest, in an order of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Region {
     pub(super) start: u64,
@@ -41,7 +41,7 @@ pub(super) struct Region {
 pub(super) struct Memory {
     file: OwnedFd,
     regions: Vec<Region>,
-    /// Where the chip's bus has each of them.
+    /// Places of the regions on the chip's bus.
     places: Vec<*mut u8>,
     length: usize,
 }
@@ -83,7 +83,7 @@ impl Memory {
         }
         let offset = self.length as u64;
         ftruncate(&self.file, offset + region.length)?;
-        // SAFETY: the caller's promise; nobody writes to them while this looks.
+        // SAFETY: the caller's promise; nothing writes to them while this looks.
         let bytes = unsafe { std::slice::from_raw_parts(place, length) };
         let mut written = 0;
         while written < length {
@@ -105,7 +105,7 @@ impl Drop for Memory {
     fn drop(&mut self) {
         for (region, place) in self.regions.iter().zip(&self.places) {
             // SAFETY: the place is its owner's, who has no use for the bytes any more, but for the place. Where
-            // this fails the shared bytes stay, and nobody shares them.
+            // this fails the shared bytes stay, and are shared with no other.
             let _ = unsafe {
                 let flags = MapFlags::PRIVATE | MapFlags::FIXED;
                 mmap_anonymous(place.cast(), region.length as usize, READ_WRITE, flags)
@@ -114,7 +114,7 @@ impl Drop for Memory {
     }
 }
 
-/// Where a processor's code looks for the memory of the chip that it is.
+/// Addresses where a processor's code looks for the memory of the chip that it is.
 #[derive(Debug)]
 pub(super) struct Window {
     start: *mut u8,
@@ -137,7 +137,7 @@ impl Window {
         })
     }
 
-    /// The regions of this memory, and where each is seen.
+    /// The regions of this memory, and the addresses where they are seen.
     pub(super) fn places(&self, memory: &Memory) -> Vec<(Region, *mut u8)> {
         let mut at = self.start;
         let place = |region: &Region| {
@@ -157,7 +157,7 @@ impl Window {
             return Err(io::ErrorKind::InvalidInput.into());
         }
         // SAFETY: its own addresses; nothing but translated code looks there, and none runs. Where this fails
-        // there may be a hole, where nothing looks any more: whoever asked drops the processor.
+        // there may be a hole, where nothing looks any more: the caller drops the processor.
         let shown = unsafe {
             let flags = MapFlags::SHARED | MapFlags::FIXED;
             mmap(
@@ -169,7 +169,7 @@ impl Window {
                 0,
             )
         };
-        // What is in a hole by then is somebody else's: nothing is handed back.
+        // Memory in a hole by then is not its own: nothing is handed back.
         shown.inspect_err(|_| self.length = 0)?;
         Ok(())
     }

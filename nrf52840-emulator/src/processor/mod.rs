@@ -1,10 +1,10 @@
 //! Processors that keep what they have translated, and do the work of several chips.
 //!
 //! Translating the program takes most of the time that a run takes, and the processor of `rigless` has a
-//! translation of its own, drops it at each reset, and is dropped with each run. So chips with the same
-//! program share a few processors, as many as can run at once: whoever [runs](Seat) takes one, with his
-//! registers and his memory in it, and leaves it when he waits. A reset puts registers back and leaves the
-//! translation, for it changes no code.
+//! translation of its own, drops it at each reset, and is dropped with each run. So chips with the same program
+//! share a few processors, as many as can run at once: a chip that [runs](Seat) takes one, with its registers and
+//! its memory in it, and leaves it when it waits. A reset puts registers back and leaves the translation, for it
+//! changes no code.
 //!
 //! A chip that changes its program, or has a debugger, keeps its processor for itself from then on.
 
@@ -33,17 +33,17 @@ use rigless::{
 
 use self::{memory::Region, pool::Seat};
 
-/// What is translated: two of these are equal where the code in the flash is.
+/// A translated program: two of these are equal where the code in the flash is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Program {
     hash: u64,
     length: usize,
-    /// Where nobody writes while it runs.
+    /// Addresses where nothing writes while it runs.
     addresses: Range<u64>,
 }
 
 impl Program {
-    /// What was put into these addresses: pieces, in this order.
+    /// Contents that were put into these addresses: pieces, in this order.
     pub(crate) fn new<'a>(
         pieces: impl IntoIterator<Item = &'a [u8]>,
         addresses: Range<u64>,
@@ -64,7 +64,7 @@ impl Program {
         (self.hash, self.length)
     }
 
-    /// Whether something of it may not be what it was any more.
+    /// Returns true if a part of it may have changed.
     fn is_touched(&self, queued: &Queued) -> bool {
         let Queued::Invalidate(from, to) = *queued else {
             return false;
@@ -73,7 +73,7 @@ impl Program {
     }
 }
 
-/// A chip's processor for whoever runs the chip, to be left while that one waits.
+/// A chip's processor for the thread that runs the chip, to be left while that thread waits.
 #[derive(Clone, Default)]
 pub(crate) struct Lease(Arc<Mutex<Option<Seat>>>);
 
@@ -126,10 +126,10 @@ struct Shared {
     /// Has a seat until this is dropped.
     lease: Lease,
     program: Program,
-    /// It has locked up, for whoever resets the chip.
+    /// It has locked up, for the model that resets the chip.
     lockup: Arc<AtomicBool>,
     asks_for_reset: bool,
-    /// Until then what is put into memory is what was translated.
+    /// True once it has run; until then all that is put into memory is what was translated.
     has_run: bool,
     has_debugger: bool,
 }
@@ -153,8 +153,8 @@ impl Drop for Shared {
     }
 }
 
-/// Where nothing answers, so that an access is a bus fault (Product Specification, "Memory map"): neither code,
-/// nor data, nor a peripheral, nor the processor's own.
+/// Returns true for addresses where nothing answers, so that an access is a bus fault (Product Specification,
+/// "Memory map"): neither code, nor data, nor a peripheral, nor the processor's own.
 fn is_nowhere(address: u64) -> bool {
     const SOMETHING: [Range<u64>; 6] = [
         0..0x10_0000,
@@ -491,7 +491,7 @@ mod tests {
             }
             chip.write(1, 0, &step.to_le_bytes());
             for (register, value) in [(0, RAM.0 as u32), (15, 0), (XPSR, 1 << 24)] {
-                // Of XPSR the bit that says that it is Thumb code.
+                // The bit of XPSR that says that it is Thumb code.
                 let bytes = value.to_le_bytes();
                 assert!(
                     chip.processor.set_gdb_register(register, &bytes),

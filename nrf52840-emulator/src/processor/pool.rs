@@ -29,7 +29,7 @@ struct Core {
     window: Option<Window>,
     /// Its state after a reset, if that can be put back.
     fresh: Option<Vec<u8>>,
-    /// Whose state it has, and whose memory it sees.
+    /// The chip whose state it has, and the one whose memory it sees.
     is_in: Option<u64>,
     sees: Option<u64>,
 }
@@ -184,7 +184,7 @@ impl Seat {
                 sees: Some(seat.chip),
             });
         } else {
-            // Whether there is one at all.
+            // Checks that there is one at all.
             seat.sit()?;
         }
         Ok(seat)
@@ -200,7 +200,7 @@ impl Seat {
         core.processor.as_mut()
     }
 
-    /// What can be asked of a processor without a change. It has had one since it was made.
+    /// Sits down, without a change of the processor's state. It has had one since it was made.
     ///
     /// # Errors
     /// None can be made, or it does not take the chip's state or memory: it is dropped, and another one may be
@@ -311,7 +311,7 @@ impl Core {
                 // SAFETY: the window's, whole pages, which live longer than the processor.
                 unsafe { self.processor.map(start, length, place, is_writable) };
             }
-            // What is not the program may differ from chip to chip.
+            // Bytes outside of the program may differ from chip to chip.
             let begin = start.max(program.addresses.end);
             if begin < start + length {
                 self.processor
@@ -402,7 +402,8 @@ mod tests {
         }
     }
 
-    /// Chips of a program of their own, whose processors begin with this state, and what has their loading fail.
+    /// Chips of a program of their own, whose processors begin with this state, and the switch that makes their
+    /// loading fail.
     fn stubs(fresh: &'static [u8]) -> (impl Fn() -> Result<Seat, Error>, Arc<AtomicBool>) {
         let fails = Arc::new(AtomicBool::new(false));
         let makes = fails.clone();
@@ -417,7 +418,7 @@ mod tests {
         (seat, fails)
     }
 
-    /// Whether a processor can be put back to its beginning or not.
+    /// With and without a processor that can be put back to its beginning.
     #[test]
     fn a_chip_does_not_begin_with_the_state_of_another() {
         for fresh in [[7, 0].as_slice(), &[7, 1]] {
@@ -440,7 +441,7 @@ mod tests {
         fails.store(true, Ordering::Relaxed);
         assert!(seat().is_err());
         fails.store(false, Ordering::Relaxed);
-        // Nobody waits for it.
+        // No chip waits for it.
         assert_eq!(lock(&first.pool.state).count, 0);
         assert_eq!(first.processor().save(), [8, 0]);
     }

@@ -332,7 +332,7 @@ fn compass_and_world_turn_opposite_ways() {
         (0.0, -20.0, 180.0),
     ] {
         assert!(wrap_degrees(facing(0.0, forward, left) - heading).abs() < 1e-6);
-        // Where the needle points 10 degrees east of north, who follows it goes clockwise of y.
+        // Where the needle points 10 degrees east of north, a walk along it goes clockwise of y.
         assert!(wrap_degrees(facing(10.0, forward, left) - (heading - 10.0)).abs() < 1e-6);
     }
 }
@@ -474,7 +474,7 @@ fn time_must_go_on() {
     };
     let later = moment(walker.readings.len() + 50);
     assert_eq!(person.update(later, &blind), Ok(None));
-    // That of a direction of which nothing is known.
+    // Sigma of a direction of which nothing is known.
     let unknown = TAU / 2.0 / 3_f64.sqrt();
     assert!((person.heading_filter().sigma() - unknown).abs() < 1e-9);
     assert_eq!(person.update(later + moment(1), &still), Ok(None));

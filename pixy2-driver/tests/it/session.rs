@@ -1,5 +1,5 @@
-//! The dialogue with a camera of another mind: it writes its answers from the tables of the maker's
-//! documentation, and shares nothing with the driver.
+//! The dialogue with an independent camera: it writes its answers from the tables of the maker's documentation,
+//! and shares nothing with the driver.
 
 use std::{cell::RefCell, collections::VecDeque, convert::Infallible, rc::Rc};
 
@@ -11,16 +11,16 @@ use pixy2_driver::{
 };
 use proptest::prelude::*;
 
-/// What the camera does wrong, and what it sees.
+/// Faults of the camera, and the blobs that it sees.
 #[derive(Default)]
 struct Camera {
     request: Vec<u8>,
     answers: VecDeque<u8>,
-    /// So often it says that it is busy.
+    /// Number of times that it says that it is busy.
     busy: u32,
-    /// So often its answer is damaged.
+    /// Number of times that its answer is damaged.
     damaged: u32,
-    /// So often it does not hear.
+    /// Number of times that it does not hear.
     deaf: u32,
     /// It answers with this error.
     error: Option<i8>,
@@ -218,7 +218,7 @@ fn what_goes_wrong_is_repeated_or_told() {
 }
 
 proptest! {
-    /// Whatever comes, every request ends in bounded time, and the next one is answered.
+    /// After any bytes, every request ends in bounded time, and the next one is answered.
     #[test]
     fn no_input_breaks_it(chunks in prop::collection::vec((any::<Vec<u8>>(), 0..60_000_u64), 0..40)) {
         let mut session = Session::new(Policy::default());

@@ -1,4 +1,4 @@
-//! Whether events can happen.
+//! Checks that events can happen.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Whether values of a file make sense together. What each may be alone is in `keys`.
+//! Checks that values of a file make sense together. The limits of each value alone are in `keys`.
 
 mod events;
 
@@ -301,7 +301,7 @@ fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checke
         ("frame_heading_known", references.frame_heading_known()),
     ] {
         if references.elected && is_known {
-            let allowed = "`false` or left out where the references are `elected`: nobody knows \
+            let allowed = "`false` or left out where the references are `elected`: it is not known \
                            beforehand which two cameras they will be";
             return Err(refuse(format!("{name}.references.{key}"), true, allowed));
         }
@@ -344,8 +344,8 @@ fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checke
     Ok(())
 }
 
-/// Whether two cameras, the second one so far from the first, look at anything in common, were
-/// there no walls and no range. Both are told by their headings and fields of view, radians.
+/// Returns true if two cameras, the second one so far from the first, look at anything in common, were there
+/// no walls and no range. Both are told by their headings and fields of view, radians.
 fn views_meet(baseline: Vector2<f64>, first: (f64, f64), second: (f64, f64)) -> bool {
     const RAYS: i32 = 32;
     let rays = |(heading, view): (f64, f64)| {

@@ -261,7 +261,7 @@ pub(crate) fn line_of(text: &str, field: &str) -> Option<usize> {
             Some((name, number)) => (name, number.parse::<usize>().ok()),
             None => (part, None),
         };
-        // What an event does is a table in the event.
+        // An event's action is a table in the event.
         let action = || {
             let action = here.get("action")?.get_ref().as_table()?;
             let (_, what) = action.iter().next()?;

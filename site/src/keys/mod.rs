@@ -21,17 +21,17 @@ pub struct Key {
     /// The tables it is in and its name, with dots between them, and `[]` behind what may be there
     /// several times.
     pub path: &'static str,
-    /// What may be written.
+    /// Values that may be written.
     pub kind: Kind,
-    /// What holds without it.
+    /// Value that holds without it.
     pub default: Without,
-    /// Who uses it.
+    /// User of the key.
     pub used: Used,
-    /// What it is.
+    /// Meaning of the key.
     pub what: &'static str,
 }
 
-/// What may be written for a key.
+/// Values that may be written for a key.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A number in this range, and its unit or what to do.
@@ -66,7 +66,7 @@ pub enum Kind {
     Same(&'static str),
 }
 
-/// What holds without a key.
+/// Value that holds without a key.
 #[derive(Clone, Copy, Debug)]
 pub enum Without {
     /// It must be there.
@@ -81,7 +81,7 @@ pub enum Without {
     Coordinator(&'static str),
 }
 
-/// Who uses a key.
+/// User of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Used {
     /// Nodes are configured by it, in a rehearsal and on boards.

@@ -1,10 +1,9 @@
-//! What people write of one node, and the configuration made of it.
+//! Description of one node as people write it, and the configuration made of it.
 //!
 //! A node is a table of TOML: `role` and `id`, then what all nodes have, then what its role has.
-//! Names are those of [`Config`] and its roles, in kebab case. What is left out has its usual
-//! value, also within `lens` and `good-enough`, except what nobody can guess: a camera's field of
-//! view, and how wrong a target's step sensor may be. Channels are a list of
-//! numbers. [`text()`] writes the same form.
+//! Names are those of [`Config`] and its roles, in kebab case. A value that is left out has its usual value,
+//! also within `lens` and `good-enough`, except those that cannot be guessed: a camera's field of view, and
+//! how wrong a target's step sensor may be. Channels are a list of numbers. [`text()`] writes the same form.
 //!
 //! ```toml
 //! role = "camera"
@@ -42,7 +41,7 @@ pub use self::text::text;
 /// Why a table is no node.
 #[derive(Debug, Error)]
 pub enum NodeError {
-    /// What does not belong there.
+    /// A name that does not belong there.
     #[error("`{name}` does not belong into a file that is shown around: use {instead}")]
     Secret {
         /// Its name.
@@ -50,16 +49,16 @@ pub enum NodeError {
         /// Where it belongs.
         instead: &'static str,
     },
-    /// What only people can know.
+    /// A value that only people can know.
     #[error("a {of} needs `{name}`: use {option}, or write it into the file{why}")]
     Missing {
         /// A node, or which one.
         of: &'static str,
-        /// What is missing.
+        /// Name of the missing value.
         name: &'static str,
         /// The option of `host-sim provision`.
         option: &'static str,
-        /// What to choose.
+        /// Advice on what to choose.
         why: &'static str,
     },
     /// A value of another kind.
@@ -71,7 +70,7 @@ pub enum NodeError {
     /// The number of the node.
     #[error("id must be 1 to 65535, not {0}")]
     Id(i64),
-    /// That of another kind of node.
+    /// The number is that of another kind of node.
     #[error("the id of a {0} must be 1 to {max}, not {1}: those above are coordinators'", max = FIRST_COORDINATOR - 1)]
     Coordinators(RoleName, u16),
     /// A picture that no CMUcam2 takes.
@@ -99,17 +98,17 @@ pub enum NodeError {
     Config(#[from] ConfigError),
 }
 
-/// What all nodes have, without the site key, which no file holds.
+/// Names of the values that all nodes have, without the site key, which no file holds.
 const COMMON: [&str; 5] = ["role", "id", "channels", "tx-power", "protection"];
-/// Tables of which each part has a usual value of its own.
+/// Tables whose parts have usual values of their own.
 const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
-/// Of a CMUcam2 with the OV6620. The field of view is always given.
+/// Lens of a CMUcam2 with the OV6620. The field of view is always given.
 const LENS: Lens = Lens::pin_hole(88, 45.0);
 /// A CMUcam2's columns with either of its sensors.
 const COLUMNS: [u16; 2] = [88, 160];
 
-/// What a node is for, by name.
+/// Role of a node, by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RoleName {
@@ -193,8 +192,8 @@ impl Default for Coordinator {
     }
 }
 
-/// What nobody can guess: its role, the table in the node's, its name there, as people know it, the
-/// option, and what to choose.
+/// Values that cannot be guessed: role, the table in the node's, the name there, the name as people know it,
+/// the option, and what to choose.
 const ASKED: [(RoleName, &str, &str, &str, &str, &str); 3] = [
     (
         RoleName::Camera,
@@ -307,8 +306,8 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
     Ok(config.check()?)
 }
 
-/// The usual parameters, and over them those that are given. A name that nobody knows is refused:
-/// it would be a parameter that has no effect.
+/// The usual parameters, and over them those that are given. An unknown name is refused: it would be a
+/// parameter that has no effect.
 fn parameters<T: Serialize + DeserializeOwned>(
     role: RoleName,
     usual: &T,

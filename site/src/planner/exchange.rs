@@ -1,4 +1,4 @@
-//! Which of many candidates to take: an exchange algorithm for optimal designs (Fedorov 1972).
+//! Choice among many candidates: an exchange algorithm for optimal designs (Fedorov 1972).
 
 use nalgebra::{Point2, SMatrix};
 use rand::seq::SliceRandom;
@@ -12,16 +12,16 @@ pub(super) type Candidate<const N: usize> = (Point2<f64>, SMatrix<f64, N, N>);
 pub(super) struct Design<const N: usize> {
     /// Their indices.
     pub(super) chosen: Vec<usize>,
-    /// What they tell, with what was known before.
+    /// Their information, with what was known before.
     pub(super) information: SMatrix<f64, N, N>,
     /// Less is better.
     pub(super) score: f64,
 }
 
-/// What a design is chosen from and for.
+/// Candidates and aim of a design.
 pub(super) struct Choice<'a, const N: usize, F> {
     pub(super) candidates: &'a [Candidate<N>],
-    /// What is known without them.
+    /// Information without them.
     pub(super) before: SMatrix<f64, N, N>,
     /// Places that are stops already.
     pub(super) taken: &'a [Point2<f64>],

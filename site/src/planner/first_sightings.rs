@@ -1,4 +1,4 @@
-//! What cameras see first.
+//! First sightings of cameras along a way.
 
 use std::ops::RangeInclusive;
 
@@ -6,14 +6,14 @@ use nalgebra::Matrix3;
 
 use super::route::Price;
 
-/// What an e-fold of a camera's score is worth, in ranges of way.
+/// Worth of an e-fold of a camera's score, in ranges of way.
 const WORTH: f64 = 2.0;
 /// The worst that can come of it, e-folds.
 const WORST: f64 = 10.0;
 
-/// What one camera may see, and how well it should do from the first stops that it sees.
+/// Possible sightings of one camera, and how well it should do from the first stops that it sees.
 pub(super) struct FirstSightings {
-    /// What each place tells it; `None` where it sees nothing that it would count.
+    /// Information from each place; `None` where it sees nothing that it would count.
     pub(super) tells: Vec<Option<Matrix3<f64>>>,
     /// The score that is good enough.
     pub(super) enough: f64,
@@ -22,8 +22,8 @@ pub(super) struct FirstSightings {
 }
 
 impl FirstSightings {
-    /// What it costs, as a length of way, that the first `count` sightings along an order of places
-    /// are worse than they should be.
+    /// Price, as a length of way, of the first `count` sightings along an order of places being worse than they
+    /// should be.
     pub(super) fn price(
         &self,
         order: impl Iterator<Item = usize>,
@@ -46,7 +46,7 @@ pub(super) struct Prices<'a, S> {
     before: &'a [usize],
     count: usize,
     score: S,
-    /// Of the order that was settled on: each camera's price, and the last index of an order that it looks at.
+    /// Each camera's price for the settled order, and the last index of an order that it looks at.
     settled: Vec<(f64, usize)>,
 }
 

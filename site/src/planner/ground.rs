@@ -26,7 +26,7 @@ pub(crate) struct Ground<'a> {
 }
 
 impl Ground<'_> {
-    /// Whether a camera would measure a ball there well.
+    /// Returns true if a camera would measure a ball there well.
     pub(crate) fn suits(&self, camera: usize, place: Point2<f64>) -> bool {
         let Some(sight) = self.world.sight(camera, place, self.radius) else {
             return false;

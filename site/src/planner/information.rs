@@ -1,22 +1,22 @@
-//! How much a stop tells: Fisher information, whose inverse bounds the covariance (Cramer-Rao).
+//! Information of a stop: Fisher information, whose inverse bounds the covariance (Cramer-Rao).
 
 use calib_core::{Ray, Sighting, angle, reference::Known, resection};
 use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2};
 
 use crate::world::Camera;
 
-/// What the planner takes for the errors to come.
+/// Errors to come, as the planner assumes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Of a blob's middle, columns, standard deviation.
+    /// Standard deviation of a blob's middle, columns.
     pub columns: f64,
-    /// Of the target about the place that it tells, along each axis, standard deviation.
+    /// Standard deviation of the target about the place that it tells, along each axis.
     pub standing: f64,
 }
 
 impl Noise {
-    /// What the planner counts with before anything is seen: a column that is uniform within itself,
-    /// at both edges of a blob, and a little noise.
+    /// Noise that the planner assumes before anything is seen: a column that is uniform within itself, at both
+    /// edges of a blob, and a little noise.
     pub const COLUMNS: f64 = 0.25;
 
     /// Standard deviation of a bearing of a target at a place, radians: of the column alone.
@@ -81,7 +81,7 @@ pub(crate) fn of_reference_stop(
     slopes.transpose() * weight * slopes
 }
 
-/// What is known of [`of_reference_stop`]'s unknowns beforehand, as information.
+/// Prior knowledge of [`of_reference_stop`]'s unknowns, as information.
 pub(crate) fn known_beforehand(known: &Known<f64>) -> Matrix6<f64> {
     const CERTAIN: f64 = 1e12;
     let mut information = Matrix6::zeros();

@@ -18,25 +18,24 @@
 //!    the two headings and for the place of the walk, and, where they are unknown, for the frame's
 //!    heading and the baseline. A choice that [`calib_core::reference`] finds ambiguous is dropped.
 //! 6. The **order**: the references' stops, then always the nearest one next, improved by 2-opt. Then
-//!    detours are made, and only then, for cameras whose *first* `k` sightings would be poor ones,
-//!    such as stops for others in a corner of their view: what a camera first reports should be
-//!    within [`FIRST`] of what it can get from `k` stops.
+//!    detours are made, but only for cameras whose *first* `k` sightings would be poor ones, such as
+//!    stops for others in a corner of their view: a camera's first report should be within [`FIRST`] of
+//!    what it can get from `k` stops.
 //!
-//! 7. With [`Placement::Checked`], further stops behind these: new ones, or places of before, so that ways
-//!    and bearings check each other ([`Checks`]). One after the other that which lowers the cameras'
-//!    protection levels most for the way that it takes, until all are tolerated, and as many as there are
-//!    already at most: the same path back.
+//! 7. With [`Placement::Checked`], further stops follow: new ones, or places of before, so that ways and
+//!    bearings check each other ([`Checks`]). Each is the one that lowers the cameras' protection levels
+//!    most for the way that it takes. They go on until all levels are tolerated, but are at most as many
+//!    as there are already: the same path back.
 //!
 //! Where to stop once more, [`Advice`], comes of the same candidates and the same information.
 //!
 //! [`Placement::Anywhere`] leaves out steps 3 and 4 and the detours: the thesis's target stops "at three
-//! distinct locations in the field of view" of each camera (section 4.3), and no more is said of
-//! them.
+//! distinct locations in the field of view" of each camera (section 4.3), and the thesis says no more of them.
 //!
-//! All random numbers come from the number of the path: other paths are other local optima, and the
-//! same path is the same on every run, whatever the scenario's seed; only where cameras are scattered
-//! does the seed matter too, so that no two seeds have stops in the same directions of a camera, whose
-//! columns would round them alike.
+//! All random numbers come from the number of the path: other paths are other local optima, and the same path
+//! is the same on every run, whatever the scenario's seed. Only if cameras are scattered does the seed matter
+//! too, so that no two seeds have stops in the same directions of a camera, whose columns would round them
+//! alike.
 
 use calib_core::{
     Pose, Ray,
@@ -81,21 +80,20 @@ pub const FIRST: f64 = 2.0;
 /// Random starts of an exchange.
 const STARTS: usize = 6;
 
-/// How stops are chosen.
+/// Method by which stops are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Placement {
     /// Where they tell most.
     #[default]
     Planned,
-    /// There, and then at further ones: until one wrong measurement that nobody notices could do no harm
-    /// to any pose.
+    /// There, and then at further ones: until one unnoticed wrong measurement could do no harm to any pose.
     Checked,
     /// At any places in view; only the references' stops are planned.
     Anywhere,
 }
 
-/// What to plan.
+/// Task of the planner.
 #[derive(Clone, Debug)]
 pub struct Task<'a> {
     /// Its cameras and obstacles; its targets do not matter.
@@ -104,7 +102,7 @@ pub struct Task<'a> {
     pub bounds: [Point2<f64>; 2],
     /// The references, and what is known of them; indices of the world's cameras.
     pub references: [usize; 2],
-    /// What the references know.
+    /// Prior knowledge of the references.
     pub known: Known<f64>,
     /// The other cameras, as indices of the world's.
     pub cameras: &'a [usize],
@@ -112,7 +110,7 @@ pub struct Task<'a> {
     pub radius: f64,
     /// Stops in view of each camera, 3 or more, and of both references up to [`REFERENCE_STOPS`].
     pub stops: usize,
-    /// How they are chosen.
+    /// Method by which they are chosen.
     pub placement: Placement,
     /// Errors to plan for.
     pub noise: Noise,
@@ -165,7 +163,7 @@ pub enum PlanError {
          `stops`, or a target of smaller `radius`"
     )]
     References {
-        /// How many were wanted.
+        /// Number of stops that were wanted.
         stops: usize,
     },
     /// A camera has too few places.
@@ -177,7 +175,7 @@ pub enum PlanError {
     Camera {
         /// Index of the world's camera.
         camera: usize,
-        /// How many were wanted.
+        /// Number of stops that were wanted.
         stops: usize,
     },
     /// Obstacles are in the way.
@@ -248,7 +246,7 @@ fn score_of_pose(information: &Matrix3<f64>, range: f64) -> f64 {
     information::bound(information).map_or(f64::INFINITY, |v| score_of(v.m11 + v.m22, v.m33, range))
 }
 
-/// Of the references' headings, and of places that they find.
+/// Score of the references' headings, and of places that they find.
 fn score_of_pair(information: &Matrix6<f64>, range: f64) -> f64 {
     information::bound(information).map_or(f64::INFINITY, |v| {
         // The frame's heading moves what is far away.
@@ -307,7 +305,7 @@ impl Task<'_> {
             .ok_or(refused)
     }
 
-    /// Whether the reference solve has one answer, even were all noise twice as much.
+    /// Returns true if the reference solve has one answer, even were all noise twice as much.
     fn is_unambiguous(&self, places: &[Point2<f64>]) -> bool {
         let cameras = self.references.map(|index| &self.world.cameras()[index]);
         let baseline = cameras[1].place - cameras[0].place;
@@ -336,7 +334,7 @@ impl Task<'_> {
             .is_ok_and(|outcome| outcome.alternative.is_none())
     }
 
-    /// About a camera, from all of some stops that suit it.
+    /// Information about a camera, from all of some stops that suit it.
     fn information(&self, camera: usize, stops: &[Point2<f64>]) -> Matrix3<f64> {
         stops
             .iter()
@@ -447,7 +445,7 @@ impl Task<'_> {
         }
     }
 
-    /// What each camera would count of these places, the first ones being the references'.
+    /// Sightings that each camera would count at these places, the first ones being the references'.
     fn first_sightings(
         &self,
         places: &[Point2<f64>],

@@ -1,9 +1,9 @@
 //! Where to stop the target next, so that the cameras that want it learn most.
 //!
-//! Candidates are those of the planner. What a stop tells, by the Fisher information of its sightings,
-//! comes on top of what is known already; the best candidate lowers the cameras' scores most, as
-//! ratios, over all cameras that want a stop. The choice is greedy: further stops are chosen as if the
-//! earlier ones had been made.
+//! Candidates are those of the planner. The information of a stop, the Fisher information of its sightings,
+//! comes on top of what is known already; the best candidate lowers the cameras' scores most, as ratios, over
+//! all cameras that want a stop. The choice is greedy: further stops are chosen as if the earlier ones had
+//! been made.
 
 use std::f64::consts::PI;
 
@@ -26,17 +26,16 @@ const APART: f64 = 0.1;
 pub struct Wish {
     /// Index of the world's camera, which stands where it is believed to.
     pub camera: usize,
-    /// What is known of its `(x, y, heading)`, as information: positive definite.
+    /// Prior information on its `(x, y, heading)`: positive definite.
     pub known: Matrix3<f64>,
-    /// How it measures.
+    /// Noise of its measurements.
     pub noise: Noise,
     /// Stops that it certainly still needs.
     pub missing: usize,
 }
 
 impl Wish {
-    /// The information of somebody who knows of a camera that it is somewhere about here, looking
-    /// anywhere.
+    /// Information on a camera of which it is only known that it is somewhere about here, looking anywhere.
     pub fn nothing_known(range: f64) -> Matrix3<f64> {
         Matrix3::from_diagonal(&[range.powi(-2), range.powi(-2), PI.powi(-2)].into())
     }
@@ -49,22 +48,22 @@ pub struct PairWish {
     pub cameras: [usize; 2],
     /// Where the target stood in view of both.
     pub made: Vec<Point2<f64>>,
-    /// How they measure.
+    /// Noise of their measurements.
     pub noise: Noise,
     /// Stops that they certainly still need.
     pub missing: usize,
 }
 
-/// What to choose stops from and for.
+/// Candidates and aim of the choice of stops.
 #[derive(Clone, Debug)]
 pub struct Advice<'a> {
     /// The cameras and obstacles.
     pub world: &'a World,
     /// Radius of the target.
     pub radius: f64,
-    /// Where targets were or should have been. What is farther from all of them than a camera sees is
-    /// not asked for: nobody can walk there, or it is no place at all, but in the view of a pose that
-    /// is far off. Empty: anywhere.
+    /// Places where targets were or should have been. A place that is farther from all of them than a camera sees
+    /// is not asked for: no target can go there, or it is no place at all, but in the view of a pose that is far
+    /// off. Empty: anywhere.
     pub been: &'a [Point2<f64>],
     /// The cameras.
     pub wishes: Vec<Wish>,
@@ -72,7 +71,7 @@ pub struct Advice<'a> {
     pub pair: Option<PairWish>,
 }
 
-/// A place, and what it tells each wish and the pair.
+/// A place, and its information for each wish and the pair.
 struct Offer {
     place: Point2<f64>,
     range: f64,
@@ -190,7 +189,7 @@ impl Advice<'_> {
         information::of_reference_stop(cameras, place, &pair.noise)
     }
 
-    /// Of the references: that they are about here, looking anywhere, and what stops told.
+    /// Information on the references: that they are about here, looking anywhere, and what stops told.
     fn known_of(&self, pair: &PairWish) -> Matrix6<f64> {
         let [heading, place] =
             [PI, self.world.cameras()[pair.cameras[0]].range].map(|s| s.powi(-2));

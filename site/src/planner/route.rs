@@ -65,7 +65,7 @@ impl Route {
         for _ in 0..SWEEPS {
             let before = length + paid;
             for change in changes(order.len()) {
-                // What is dearer by the length alone needs no price.
+                // An order that is dearer by its length alone needs no price.
                 if self.longer(order, &change) > paid + ROUNDING {
                     continue;
                 }
@@ -125,12 +125,12 @@ impl Route {
 /// Lengths that differ by no more are the same.
 const ROUNDING: f64 = 1e-6;
 
-/// What an order costs beside its length.
+/// Price of an order beside its length.
 pub(super) trait Price {
-    /// Of this order, of which others are changes from now on.
+    /// Price of this order; others are changes of it from now on.
     fn settle(&mut self, order: &[usize]) -> f64;
 
-    /// Of the order that was settled on, changed between these indices.
+    /// Price of the settled order, changed between these indices.
     fn of(&mut self, order: &[usize], changed: RangeInclusive<usize>) -> f64;
 }
 
@@ -209,7 +209,7 @@ mod tests {
         }
     }
 
-    /// What a change adds is told from its ends alone.
+    /// A change's length is told from its ends alone.
     #[test]
     fn a_change_is_as_long_as_its_ends_say() {
         let places: Vec<_> = (0..7)

@@ -7,11 +7,11 @@
 //! | part | job |
 //! |---|---|
 //! | [`World`] | Cameras, targets and obstacles, and who sees whom. |
-//! | [`View`] | What one camera sees, ready to be painted into its [`Scene`](cmucam2_emulator::Scene). |
+//! | [`View`] | View of one camera, ready to be painted into its [`Scene`](cmucam2_emulator::Scene). |
 //! | [`Walker`] | Moves a target along its stops. |
-//! | [`StepSensor`] | What the target's step sensor measures on the way. |
+//! | [`StepSensor`] | Measures the target's steps on the way. |
 //!
-//! # What a target looks like
+//! # Outline of a target
 //! A ball at the height of the lenses: from a distance `d` its outline reaches `asin(r / d)` to both
 //! sides of its bearing. So the middle of the *angles* of its two edges is its bearing, while the
 //! middle of their columns is not quite, for a pin-hole camera.
@@ -62,7 +62,7 @@ pub use walker::{Event, Gait, Mood, Stride, Walker};
 /// Nanoseconds since the start of the simulation.
 pub type Time = cmucam2_emulator::Time;
 
-/// How a camera's picture comes about.
+/// Model by which a camera's picture is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Variant {
@@ -82,9 +82,9 @@ pub struct Camera {
     pub heading: f64,
     /// Its real lens, whatever its node believes.
     pub lens: Lens,
-    /// How far it sees.
+    /// Distance up to which it sees.
     pub range: f64,
-    /// How its picture comes about.
+    /// Model by which its picture is made.
     pub variant: Variant,
 }
 
@@ -203,7 +203,7 @@ impl World {
         self.revision += 1;
     }
 
-    /// What a camera sees now.
+    /// View of a camera now.
     ///
     /// # Panics
     /// There is no such camera.
@@ -223,8 +223,8 @@ impl World {
         }
     }
 
-    /// What a camera would see of a ball, were there no targets. `None` out of range, out of the
-    /// picture or hidden by obstacles.
+    /// Sight that a camera would have of a ball, were there no targets. `None` out of range, out of the picture
+    /// or hidden by obstacles.
     ///
     /// # Panics
     /// There is no such camera.

@@ -1,4 +1,4 @@
-//! What blocks sight and ways.
+//! Obstacles to sight and ways.
 
 use nalgebra::{Point2, Vector2};
 
@@ -51,7 +51,7 @@ impl Obstacle {
         corners.iter().zip(next).map(|(&a, &b)| [a, b])
     }
 
-    /// Whether a place is inside.
+    /// Returns true if a place is inside.
     pub fn contains(&self, place: Point2<f64>) -> bool {
         match self {
             Self::Segment(_) => false,
@@ -67,7 +67,7 @@ impl Obstacle {
         }
     }
 
-    /// How near the straight way between two places comes to it; 0 if it crosses it.
+    /// Least distance between it and the straight way between two places; 0 if the way crosses it.
     pub fn distance_to_way(&self, from: Point2<f64>, to: Point2<f64>) -> f64 {
         match self {
             Self::Disc { centre, radius } => {
@@ -121,7 +121,7 @@ impl Obstacle {
         }
     }
 
-    /// How far a ray along a unit vector runs until it hits.
+    /// Distance that a ray along a unit vector runs until it hits.
     pub(super) fn hit(&self, eye: Point2<f64>, ray: Vector2<f64>) -> Option<f64> {
         if let Self::Disc { centre, radius } = self {
             return hit_disc(eye, ray, *centre, *radius);
@@ -138,7 +138,7 @@ impl Obstacle {
     }
 }
 
-/// How far a ray runs until it hits a disc from outside.
+/// Distance that a ray runs until it hits a disc from outside.
 pub(super) fn hit_disc(
     eye: Point2<f64>,
     ray: Vector2<f64>,

@@ -1,8 +1,8 @@
 //! A planar scan with one ray for each column.
 //!
-//! As the blob finder of Stage 4.3 does it: rays in the directions of the columns' middles, a ball
-//! is seen where it is the first that a ray hits within the range, and a blob is a run of columns
-//! that hit the same ball. No noise; what is between two rays is not seen.
+//! It works like the blob finder of Stage 4.3: rays go in the directions of the columns' middles, a ball is
+//! seen where it is the first that a ray hits within the range, and a blob is a run of columns that hit the
+//! same ball. There is no noise; things between two rays are not seen.
 
 use nalgebra::Vector2;
 
@@ -16,7 +16,7 @@ use cmucam2_emulator::{Extent, Shape};
 /// The targets `near` as a scan has them.
 pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
     let columns = camera.lens.columns() as usize;
-    // Of each column: the distance of what its ray hits first, and the target if it is one.
+    // For each column, the distance of the first thing that its ray hits, and the target if it is one.
     let mut hits: Vec<Option<(f64, usize)>> = vec![None; columns];
     for &index in near {
         let target = &world.targets[index];

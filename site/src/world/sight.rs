@@ -5,7 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{Camera, World, half_width, obstacle::Shadow};
 use cmucam2_emulator::{Extent, Object, Place, Rgb, Shape};
 
-/// What a camera sees of one ball.
+/// Sight that a camera has of one ball.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sight {
     /// Distance of its middle.
@@ -14,13 +14,13 @@ pub struct Sight {
     pub bearing: f64,
     /// Half the angle under which all of it is seen, radians.
     pub half_width: f64,
-    /// The bearings of what is in the picture and not hidden, each from right to left, ascending. Of
-    /// a ray scan: of the columns that hit, which seldom reach both edges of the ball.
+    /// The bearings of the parts that are in the picture and not hidden, each from right to left, ascending. Of a
+    /// ray scan: of the columns that hit, which seldom reach both edges of the ball.
     pub visible: Vec<[f64; 2]>,
 }
 
 impl Sight {
-    /// Whether all of its width is in the picture and nothing hides any of it.
+    /// Returns true if all of its width is in the picture and nothing hides any of it.
     pub fn is_whole(&self) -> bool {
         let [right, left] = [
             self.bearing - self.half_width,
@@ -29,17 +29,17 @@ impl Sight {
         matches!(self.visible[..], [[a, b]] if a <= right && b >= left)
     }
 
-    /// How much of its width is in the picture and not hidden, 0 to 1.
+    /// Share of its width that is in the picture and not hidden, 0 to 1.
     pub fn visible_share(&self) -> f64 {
         let seen: f64 = self.visible.iter().map(|[right, left]| left - right).sum();
         (seen / (2.0 * self.half_width)).min(1.0)
     }
 }
 
-/// What a camera sees.
+/// View of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
-    /// Number of a target and what is seen of it, the farthest first.
+    /// Number of a target and its sight, the farthest first.
     pub sights: Vec<(usize, Sight)>,
     /// From back to front.
     pub(super) patches: Vec<Patch>,
@@ -48,7 +48,7 @@ pub struct View {
 /// A part of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
-    /// Of a target. `None`: what hides a target here looks like the backdrop.
+    /// Colour of a target. `None`: the thing that hides a target here looks like the backdrop.
     pub colour: Option<Rgb>,
     /// Its outline.
     pub shape: Shape,
@@ -57,7 +57,7 @@ pub struct Patch {
 }
 
 impl View {
-    /// What is seen of a target.
+    /// Sight of a target.
     pub fn of(&self, target: usize) -> Option<&Sight> {
         let found = self.sights.iter().find(|(index, _)| *index == target);
         found.map(|(_, sight)| sight)
@@ -170,7 +170,7 @@ impl Ball {
         in_view.then_some(ball)
     }
 
-    /// Of obstacles, relative to the bearing.
+    /// Shadows of obstacles, relative to the bearing.
     fn shadows(&self, world: &World, camera: &Camera) -> Vec<Shadow> {
         let mut shadows = Vec::new();
         let radius = self.distance * self.half_width.sin();
@@ -207,7 +207,7 @@ impl Ball {
     }
 }
 
-/// What is left of an interval when shadows are taken away.
+/// Parts of an interval that are left when shadows are taken away.
 fn without([mut from, to]: [f64; 2], mut shadows: Vec<Shadow>) -> Vec<[f64; 2]> {
     shadows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut left = Vec::new();

@@ -1,4 +1,4 @@
-//! What a step sensor makes of steps.
+//! Measurements that a step sensor makes of steps.
 
 use calib_core::dead_reckoning::Step;
 use nalgebra::Vector2;
@@ -7,12 +7,12 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::walker::Stride;
 
-/// How a step sensor errs.
+/// Errors of a step sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorErrors {
-    /// It measures what was walked. Otherwise it reports what was planned from goal to goal, as the
-    /// thesis's target does (section 4.3): it then stands a little short of each place that it
-    /// tells, but that error does not grow.
+    /// It measures the way that was walked. Otherwise it reports the planned way from goal to goal, as the
+    /// thesis's target does (section 4.3): it then stands a little short of each place that it tells, but that
+    /// error does not grow.
     pub measures: bool,
     /// Relative error of all distances of a leg, standard deviation.
     pub leg_distance: f64,
@@ -54,7 +54,7 @@ impl StepSensor {
         }
     }
 
-    /// What it reports of a step.
+    /// Returns its report of a step.
     ///
     /// The sigmas are those of its random errors, less the undeclared ones. An error that a leg's steps share is given as the
     /// independent error that would grow as much over that leg; of its biases it knows nothing.

@@ -8,23 +8,23 @@ use super::Time;
 
 const SECOND: f64 = 1e9;
 
-/// How a target walks.
+/// Gait of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gait {
     /// Units per second.
     pub speed: f64,
     /// It moves on in steps of this time (Euler's method), nanoseconds.
     pub tick: Time,
-    /// How far off a stop it may come to stand: anywhere on the disc of this radius about it, evenly.
+    /// Most that it may come to stand off a stop: anywhere on the disc of this radius about it, evenly.
     pub arrive_within: f64,
-    /// How far it goes for one step of its step sensor.
+    /// Length of one step of its step sensor.
     pub step_length: f64,
     /// It walks on, told or not, after it stood as long as this, nanoseconds.
     pub patience: Time,
 }
 
 impl Gait {
-    /// How far it stands off its stops, standard deviation of each axis; the mean is zero. Half the
+    /// Standing sigma: standard deviation of each axis of its place about its stops; the mean is zero. Half the
     /// radius of the disc, for points that lie evenly on it.
     pub fn standing_sigma(&self) -> f64 {
         self.arrive_within / 2.0
@@ -49,9 +49,9 @@ impl Default for Gait {
 /// One step, as it was meant and as it was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stride {
-    /// Which leg it belongs to: 0 from stop 0 to stop 1.
+    /// Number of the leg that it belongs to: 0 from stop 0 to stop 1.
     pub leg: usize,
-    /// How many steps that leg has.
+    /// Number of steps of that leg.
     pub of: usize,
     /// Its share of the way from goal to goal.
     pub planned: Vector2<f64>,
@@ -59,21 +59,21 @@ pub struct Stride {
     pub walked: Vector2<f64>,
 }
 
-/// What happened.
+/// Event on the way of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// It left a stop.
     Left {
-        /// Which.
+        /// Number of the stop.
         stop: usize,
-        /// Nobody told it to.
+        /// It was not told to.
         impatient: bool,
     },
     /// It made a step.
     Step(Stride),
     /// It stands at a stop.
     Arrived {
-        /// Which.
+        /// Number of the stop.
         stop: usize,
     },
 }
@@ -94,7 +94,7 @@ enum State {
         of: usize,
         /// Where the last step ended.
         step_from: Point2<f64>,
-        /// How far the goal was at first.
+        /// Distance of the goal at first.
         length: f64,
     },
 }
@@ -120,7 +120,7 @@ pub struct Walker {
     random: ChaCha8Rng,
 }
 
-/// What the carrier makes of the lamp.
+/// Carrier's response to the lamp.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Mood {
     /// It waits for it, as long as its patience lasts.
@@ -161,13 +161,13 @@ impl Walker {
         matches!(self.state, State::Standing { .. }).then_some(self.stop)
     }
 
-    /// Whether it stands at its last stop, for good.
+    /// Returns true if it stands at its last stop, for good.
     pub fn is_done(&self) -> bool {
         self.standing_at().is_some() && self.stop + 1 >= self.stops.len()
     }
 
-    /// What the lamp says that the carrier watches. Going on counts, being on does not: it may
-    /// still be on for the stop before.
+    /// Takes the state of the lamp that the carrier watches. Going on counts, being on does not: it may still be
+    /// on for the stop before.
     pub fn may_walk(&mut self, lamp: bool, now: Time) {
         if let State::Standing { leave_at, .. } = &mut self.state
             && lamp
@@ -218,7 +218,7 @@ impl Walker {
         }
     }
 
-    /// Does what is due until now, and tells it with its times.
+    /// Makes all steps and events that are due until now, with their times.
     pub fn advance(&mut self, now: Time, events: &mut Vec<(Time, Event)>) {
         while let Some(at) = self.next_at().filter(|&at| at <= now) {
             match self.state {

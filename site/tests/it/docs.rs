@@ -1,4 +1,4 @@
-//! `docs/site.md` is complete, and what it shows works.
+//! `docs/site.md` is complete, and its examples work.
 
 use std::collections::BTreeSet;
 
@@ -51,8 +51,8 @@ fn every_key_is_documented() {
     }
 }
 
-/// What the list does not have is refused, so that it would be no key; and what it has is one:
-/// nothing that is in it is refused as unknown by what reads the file.
+/// A key that the list does not have is refused, so that it would be no key; and every key that it has is one:
+/// none of them is refused as unknown by what reads the file.
 #[test]
 fn the_list_has_the_keys_that_files_have() {
     // A file that has every key.

@@ -1,4 +1,4 @@
-//! Tests of `site` through what it offers, one program.
+//! Tests of the public interface of `site`, one program.
 
 mod docs;
 mod planned_accuracy;

@@ -1,5 +1,5 @@
-//! What the planned stops of `thesis-13` are good for, before any firmware runs: the whole chain from
-//! the reference solve on, with whole-pixel columns and a target that stands a little off its goals.
+//! Accuracy of the planned stops of `thesis-13` before any firmware runs: the whole chain from the reference
+//! solve on, with whole-pixel columns and a target that stands a little off its goals.
 
 use calib_core::{
     Ray, Sighting, angle,
@@ -49,7 +49,7 @@ fn stands(network: &Network, seed: u64) -> Vec<Point2<f64>> {
     stands
 }
 
-/// What a node makes of the first and the last column of a blob.
+/// Measure that a node makes of the first and the last column of a blob.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Estimate {
     /// The mean of the angles of its two edges, half a column outside of them.
@@ -60,7 +60,7 @@ enum Estimate {
     WholeColumn,
 }
 
-/// Which sightings a camera uses.
+/// Sightings that a camera uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Uses {
     /// All that it gets on the way.
@@ -152,7 +152,7 @@ fn calibrate(site: &Site, seed: u64, estimate: Estimate, uses: Uses, errors: &mu
     let target = &network.targets[0];
     let plan = target.plan.as_ref().unwrap();
     let radius = world.targets()[target.index].radius;
-    // What nodes know is in the frame of the references.
+    // The nodes' knowledge is in the frame of the references.
     let frame = &network.frame;
     let goals: Vec<_> = { target.stops.iter() }
         .map(|&goal| frame.place(goal))
@@ -214,7 +214,7 @@ fn calibrate(site: &Site, seed: u64, estimate: Estimate, uses: Uses, errors: &mu
             continue;
         };
         let mut pose = solution.pose;
-        // What all stops share moves the camera by just as much, and does not turn it.
+        // The error that all stops share moves the camera by just as much, and does not turn it.
         let mut of_place = pose.covariance.fixed_view_mut::<2, 2>(0, 0);
         of_place += &shared;
         let truth = &world.cameras()[camera.index];
@@ -273,8 +273,8 @@ fn planned_stops_are_good_enough() {
     }
 }
 
-/// Over many geometries and paths, what is predicted is what happens, neither more nor less: rounding
-/// to columns is the same on every walk of one path, so that seeds alone would not show it.
+/// Over many geometries and paths, errors equal their prediction, neither more nor less: rounding to columns
+/// is the same on every walk of one path, so that seeds alone would not show it.
 #[test]
 fn predictions_are_honest() {
     for stops in [3, 10] {
@@ -307,8 +307,8 @@ fn predictions_are_honest() {
     }
 }
 
-/// Stage's columns, decoded as what they are and as what the thesis took them for. With planned
-/// stops that costs three times the accuracy; with stops anywhere in view, as the thesis has them, the
+/// Stage's columns, decoded as what they are and as what the thesis took them for. The wrong decoding costs
+/// three times the accuracy with planned stops. With stops anywhere in view, as the thesis has them, the
 /// errors are those of its Table 4.2: 0.42 and 0.54 units, 4.5 degrees.
 #[test]
 fn the_camera_model_makes_the_difference() {

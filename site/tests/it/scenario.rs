@@ -1,4 +1,4 @@
-//! Scenario files: what they make, and what they say when something is wrong.
+//! Scenario files: their content, and their messages when something is wrong.
 
 use calib_core::camera::Projection;
 use nalgebra::Point2;
@@ -108,7 +108,7 @@ fn the_way_is_another_for_every_seed() {
     );
 }
 
-/// Nobody moves a camera through a wall.
+/// No camera is moved through a wall.
 #[test]
 fn a_scattered_camera_stays_in_its_room() {
     let walls = "[[world.obstacle]]\nwall = [[-1.0, 10.2], [11.0, 10.2]]\n\
@@ -303,7 +303,7 @@ fn the_command_line_changes_a_scenario() {
     );
 }
 
-/// What is written is what was read.
+/// A written file reads the same again.
 #[test]
 fn scenarios_can_be_written() {
     let faults = "[camera.faults]\ncorrupt_line = 0.05\n\

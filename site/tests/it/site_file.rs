@@ -60,7 +60,7 @@ fn target(config: &Config) -> &TargetConfig {
     }
 }
 
-/// What a file does not say is the firmware's: nobody else has defaults.
+/// Values that a file does not say are the firmware's: there are no other defaults.
 #[test]
 fn defaults_are_those_of_the_firmware() {
     let silent = SITE
@@ -176,14 +176,14 @@ fn every_parameter_arrives() {
     assert_eq!(parameters.allow.len(), 5);
 }
 
-/// What is rehearsed is what is deployed.
+/// The rehearsed configuration is the one that is deployed.
 #[test]
 fn built_in_files_configure_nodes_too() {
     for (name, _) in site::BUILT_IN {
         let scenario = Scenario::load(name, &Overrides::default()).unwrap();
         assert_eq!(scenario.assumptions(Purpose::Rehearsal), [], "{name}");
         let deployed = site::provision(&scenario, key());
-        // In inches, and nobody walks there.
+        // In inches, and no target walks there.
         if name != "lab" {
             let rehearsed = site::configs(&scenario, key()).unwrap();
             assert_eq!(deployed.unwrap(), rehearsed, "{name}");
@@ -191,7 +191,7 @@ fn built_in_files_configure_nodes_too() {
     }
 }
 
-/// What matters and is not said.
+/// Values that matter and are not said.
 #[test]
 fn what_is_left_open_is_asked_for() {
     assert!(site::provision(&scenario(SITE), key()).is_ok());
@@ -210,7 +210,7 @@ fn what_is_left_open_is_asked_for() {
         let key = line.split(' ').next().unwrap();
         assert!(said.contains(asked) && said.contains(key), "{said}");
     }
-    // In inches nobody has steps of 0.45.
+    // In inches no target has steps of 0.45.
     let inches = SITE.replace("unit = \"m\"", "unit = \"inches\"\nunit_metres = 0.0254");
     let said = open(&inches);
     assert!(said.contains("`step_length` into `[firmware]`"), "{said}");
@@ -424,7 +424,7 @@ fn errors_name_key_and_line() {
         ),
         (
             references("elected = true, frame_heading_known = true"),
-            ["frame_heading_known` is true", "nobody knows"],
+            ["frame_heading_known` is true", "it is not known"],
         ),
         (
             references("elected = true, baseline = 4"),
@@ -501,7 +501,7 @@ fn impossible_events_are_refused() {
     ]);
 }
 
-/// Whoever presses the button of a board without power, or pulls a plug that is out, changes nothing.
+/// A press on the button of a board without power, or the pull of a plug that is out, changes nothing.
 #[test]
 fn things_that_go_wrong_may_overlap() {
     let dark = |at| event(at, "power-cut = { node = 3, for_s = 5 }");

@@ -1,4 +1,4 @@
-//! What cameras see, how targets walk, what their sensors say.
+//! Views of cameras, walks of targets and reports of their sensors.
 
 use std::f64::consts::PI;
 
@@ -162,7 +162,7 @@ fn obstacles_clip() {
     }
 }
 
-/// A nearer ball of another colour hides what is behind it.
+/// A nearer ball of another colour hides the things behind it.
 #[test]
 fn nearer_targets_clip() {
     for variant in [Variant::Cmucam2, Variant::Stage] {
@@ -282,8 +282,8 @@ fn a_walk_goes_as_the_thesis_has_it() {
     }
 }
 
-/// What a target tells of its stops has no systematic error: along the way that it came and across it
-/// stands off by zero on average, with the sigma that the gait says, and anew at each stop.
+/// The places that a target tells of its stops have no systematic error. It stands off them by zero on average,
+/// along the way that it came and across it, with the sigma that the gait says, and anew at each stop.
 #[test]
 fn it_stands_off_its_stops_on_any_side() {
     let gait = Gait::default();
@@ -438,7 +438,7 @@ fn drift_is_as_large_as_it_says() {
     }
 }
 
-/// Errors that are not declared are in the steps, and not in what they say of themselves.
+/// Undeclared errors are in the steps, and not in the sigmas that they tell.
 #[test]
 fn undeclared_errors_are_in_no_sigma() {
     let declared = SensorErrors {

@@ -1,4 +1,4 @@
-//! Received frames until somebody asks for them.
+//! Received frames until the caller asks for them.
 
 use heapless::{Deque, Vec};
 
@@ -6,7 +6,7 @@ use super::{Counters, count};
 use crate::stream::RxFrame;
 use zigbee_link::radio::{Channel, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, RadioConfig, Received};
 
-/// A frame without its FCS, and what is known of it.
+/// A frame without its FCS, and its metadata.
 #[derive(Clone, Debug)]
 pub(super) struct Arrival {
     frame: Vec<u8, FRAME_MAX>,
@@ -50,7 +50,7 @@ impl Arrival {
 
 struct Unusable;
 
-/// Queues a frame, or counts why not.
+/// Queues a frame, or counts the reason why not.
 pub(super) fn arrived<const QUEUE: usize>(
     frame: &RxFrame<'_>,
     config: &RadioConfig,

@@ -1,27 +1,27 @@
 //! The dialogue with a co-processor as a state machine: no input, no output, no clock.
 //!
 //! 1. [`begin`](RcpSession::begin) a request;
-//! 2. send what [`output`](RcpSession::output) gives until it gives nothing;
+//! 2. send the bytes of [`output`](RcpSession::output) until it gives none;
 //! 3. give all bytes that come to [`input`](RcpSession::input), and call [`tick`](RcpSession::tick) when
 //!    the [`deadline`](RcpSession::deadline) is reached;
 //! 4. after each of these look for the [`outcome`](RcpSession::outcome), and for
 //!    [received](RcpSession::receive) frames.
 //!
-//! The next `begin` may come at any moment; what was under way is then given up.
+//! The next `begin` may come at any moment; a request under way is then given up.
 //!
 //! # What it takes care of
-//! - The first configuration resets the co-processor and checks what it is. A later one only sets
-//!   the properties.
+//! - The first configuration resets the co-processor and checks its identity. A later one only sets the
+//!   properties.
 //! - A command without an answer is repeated; one that finds the co-processor too busy, after a
 //!   pause.
-//! - A restart of the co-processor is noticed by its message, or when it no longer wants to
-//!   transmit. It is configured again before the request goes on, and a transmission is repeated:
-//!   nobody can know whether it was sent, and its receivers know a repetition.
+//! - A restart of the co-processor is noticed by its message, or when it no longer wants to transmit. It is
+//!   configured again before the request goes on, and a transmission is repeated: it cannot be known whether it
+//!   was sent, and its receivers know a repetition.
 //! - After silence the next request begins with a reset.
 //! - A transmission that was given up is waited for before the next one, because a co-processor
 //!   has one buffer for both.
-//! - Received frames are queued. When the queue is full, what arrives is lost. Which of them to
-//!   receive is left to the address filter of the co-processor.
+//! - Received frames are queued. When the queue is full, a frame that arrives is lost. The address filter of the
+//!   co-processor decides which of them are received.
 
 mod arrival;
 mod request;
@@ -55,10 +55,10 @@ const MAJOR: u32 = 4;
 const STREAM_MAX: usize = 3 + 2 + PSDU_MAX + 16;
 /// The longest other command sets an extended address.
 const COMMAND_MAX: usize = 16;
-/// A received frame takes 160 bytes with all its metadata. What is longer is a log.
+/// Length limit: a received frame takes 160 bytes with all its metadata. Longer content is a log.
 const CONTENT_MAX: usize = 192;
 
-/// What the co-processor is asked after a reset.
+/// Properties that the co-processor is asked for after a reset.
 const QUESTIONS: [PropertyKey; 4] = [
     PropertyKey::PROTOCOL_VERSION,
     PropertyKey::CAPS,
@@ -71,7 +71,7 @@ enum Goal {
     None,
     Configure,
     Transmit {
-        /// How often the frame was given to the co-processor.
+        /// Number of times that the frame was given to the co-processor.
         tries: u8,
     },
     Listen,
@@ -101,7 +101,7 @@ enum Waiting {
     Previous,
 }
 
-/// What a frame of the co-processor means for the dialogue.
+/// Meaning of a frame of the co-processor for the dialogue.
 enum Event {
     Restarted,
     Status { tid: Tid, status: SpinelStatus },
@@ -127,7 +127,7 @@ pub struct RcpSession<const QUEUE: usize> {
     attempts: u8,
     restarts: u8,
     tid: Tid,
-    /// A transmission that was given up, and until when it may take.
+    /// A transmission that was given up, and the time by which it ends.
     previous: Option<(Tid, Instant)>,
     command: [u8; COMMAND_MAX],
     command_len: usize,
@@ -172,17 +172,17 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         }
     }
 
-    /// Who the co-processor is, once it is configured.
+    /// Identity of the co-processor, once it is configured.
     pub fn identity(&self) -> Option<&Identity> {
         self.ready.then_some(&self.identity)
     }
 
-    /// What went by unnoticed.
+    /// Counts of faults that went by unnoticed.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// What was on the line that was no frame.
+    /// Counts of frames on the line that were not delivered.
     pub const fn dropped(&self) -> DroppedFrames {
         self.decoder.dropped()
     }
@@ -205,7 +205,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         }
     }
 
-    /// How the request ended, once.
+    /// Result of the request, once.
     pub fn outcome(&mut self) -> Option<Result<RcpOutcome, RcpFault>> {
         self.outcome.take()
     }
@@ -242,7 +242,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         len
     }
 
-    /// Whether [`output`](Self::output) has something.
+    /// Returns true if [`output`](Self::output) has something.
     pub const fn wants_to_send(&self) -> bool {
         self.encoder.is_some()
     }
@@ -255,7 +255,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         }
     }
 
-    /// When [`tick`](Self::tick) is to be called at the latest.
+    /// Time when [`tick`](Self::tick) is to be called at the latest.
     pub const fn deadline(&self) -> Option<Instant> {
         self.deadline
     }
@@ -267,7 +267,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
                 continue;
             };
             let event = match SpinelMessage::parse(content) {
-                // Another interface's, or what a host would say.
+                // Another interface's, or a host's command.
                 Ok(message) if message.header.interface() != 0 => None,
                 Ok(SpinelMessage {
                     header,
@@ -360,7 +360,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         let message = SpinelMessage {
             header: SpinelHeader::default(),
             body: Body::Set(Property::Send(TxFrame {
-                // What the host has secured, nobody else is to touch.
+                // The frame that the host has secured is not to be changed.
                 header_updated: true,
                 security_processed: true,
                 ..TxFrame::new(psdu, config.channel.number())
@@ -397,7 +397,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         }
     }
 
-    /// Leaves what the caller no longer waits for. A restoration goes on.
+    /// Leaves the request that the caller no longer waits for. A restoration goes on.
     fn give_up(&mut self) {
         match self.goal {
             Goal::Configure => {

@@ -1,8 +1,8 @@
-//! What is asked of a session, and what comes of it.
+//! Requests to a session, and their results.
 
 use zigbee_link::radio::{RadioConfig, TxOutcome};
 
-/// What the caller wants.
+/// Request of the caller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RcpRequest<'a> {
@@ -14,18 +14,18 @@ pub enum RcpRequest<'a> {
     Listen,
 }
 
-/// How a request ended.
+/// Result of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
 pub enum RcpOutcome {
     /// The co-processor works as it was told.
     Configured,
-    /// What became of the frame.
+    /// Result of the transmission.
     Transmitted(TxOutcome),
 }
 
-/// What went by unnoticed.
+/// Counts of faults that went by unnoticed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {

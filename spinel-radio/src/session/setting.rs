@@ -1,4 +1,4 @@
-//! How a configuration becomes properties.
+//! Properties that make up a configuration.
 
 use crate::property::{Promiscuity, Property};
 use zigbee_link::radio::RadioConfig;
@@ -10,7 +10,7 @@ pub(super) enum Need {
     Wish,
 }
 
-/// What has to be set for a configuration, in this order.
+/// Properties to set for a configuration, in this order.
 pub(super) fn setting(config: &RadioConfig, index: u8) -> Option<(Property<'static>, Need)> {
     Some(match index {
         0 => (Property::PhyEnabled(true), Need::Must),
@@ -19,7 +19,7 @@ pub(super) fn setting(config: &RadioConfig, index: u8) -> Option<(Property<'stat
         3 => (Property::MacPan(config.pan), Need::Must),
         4 => (Property::MacShort(config.short), Need::Must),
         5 => (Property::MacExtended(config.extended), Need::Must),
-        // Without it, acknowledgements claim to everybody that a frame is pending.
+        // Without it, acknowledgements claim to every device that a frame is pending.
         6 => (Property::MacSourceMatch(true), Need::Wish),
         7 => {
             let promiscuity = if config.promiscuous {

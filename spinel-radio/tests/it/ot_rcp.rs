@@ -158,7 +158,7 @@ fn frames_both_ways() {
         let (received, info) = b.receive_with_info();
         assert_eq!(received, there);
         assert_eq!(info.channel, Channel::FIRST);
-        // What the simulation claims of every frame.
+        // Values that the simulation gives for every frame.
         assert_eq!((info.rssi, info.lqi), (Some(-20), None));
 
         let specials = [0x7E, 0x7D, 0x11, 0x13, 0xF8];
@@ -443,7 +443,7 @@ fn dead_is_an_error_and_works_again_later() {
     a.send(&frame);
 }
 
-/// However far a call has come when it is dropped, the next one concerns only its own frame.
+/// A call is dropped at any point; the next one concerns only its own frame.
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn dropped_calls() {
@@ -451,7 +451,7 @@ fn dropped_calls() {
     let [mut a, mut b] = pair(&air);
     let mut sent = Vec::new();
     for round in 0..30_u8 {
-        // To a node that is there, in steps of its 4 ms; to nobody, in steps of some 100 ms.
+        // To a node that is there, in steps of its 4 ms; to an address of no node, in steps of some 100 ms.
         let (to, step) = if round % 2 == 0 { (2, 150) } else { (3, 4000) };
         let time = Duration::from_micros(step * u64::from(round));
         let dropped = data(PAN, short(to), 2 * round, b"dropped");

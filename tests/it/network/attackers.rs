@@ -1,4 +1,4 @@
-//! Somebody without the key: what is sent all the time changes no pose, cuts nobody off, and has nodes
+//! An attacker without the key: permanent sending changes no pose, cuts no node off, and has nodes
 //! send little.
 
 use answers::record::{Attack, Radio, RunRecord};
@@ -7,10 +7,10 @@ use site::{Action, Forgery, Overrides, Scenario};
 
 use crate::network::yard::{Yard, assert_all_calibrated, run, with};
 
-/// Seconds until every node was switched on and has found its network.
+/// Time until every node was switched on and has found its network, seconds.
 const SET_UP_S: f64 = 20.0;
 
-/// What somebody sends, and how often so that it takes about one percent of the air.
+/// Forgeries, and periods with which each takes about one percent of the air.
 const FORGERIES: [(Forgery, f64); 4] = [
     (Forgery::Random, 0.22),
     (Forgery::Flipped, 0.15),
@@ -94,7 +94,7 @@ fn ring(seed: u64) -> Scenario {
     Scenario::from_toml(&text.replace("STOPS", stops), &seed).unwrap()
 }
 
-/// Each forged broadcast once made all members ask: 38 to 65 times its bytes.
+/// All members once answered each forged broadcast with requests: 38 to 65 times its bytes.
 #[test]
 fn thirty_one_nodes_answer_little_and_stay() {
     let calm = run(ring(1));
@@ -117,7 +117,7 @@ fn thirty_one_nodes_answer_little_and_stay() {
     }
 }
 
-/// Bytes that nodes send because of it, over those of the attacker.
+/// Bytes that nodes send because of the attacker, over the attacker's own.
 #[test]
 fn forged_frames_make_nodes_send_little() {
     for what in FORGERIES {
@@ -131,7 +131,7 @@ fn forged_frames_make_nodes_send_little() {
     }
 }
 
-/// What once moved a network to another channel or identifier for ever.
+/// These once moved a network to another channel or identifier for ever.
 #[test]
 fn a_forged_beacon_and_a_jammer_now_and_then_do_not_scatter_a_network() {
     let beacon = forge((Forgery::Beacon, 61.0));

@@ -17,8 +17,8 @@ fn building(cameras: usize, cell_cameras: usize, seed: u64) -> RunRecord {
     simulation.run(|_| ())
 }
 
-/// Every camera is calibrated in the frame of the first network, within five of its sigmas; only the
-/// two references of the first network are any.
+/// Every camera is calibrated in the frame of the first network, within five of its sigmas. The only
+/// references are the two of the first network.
 fn assert_one_frame(record: &RunRecord, cameras: usize, networks: usize) {
     assert_eq!(record.networks.len(), networks);
     for network in &record.networks {

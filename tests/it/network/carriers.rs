@@ -1,4 +1,4 @@
-//! Carriers whose steps and compass err, as nobody may have told the nodes.
+//! Carriers whose steps and compass have errors that the nodes may not know.
 
 use answers::record::{
     Node, RunRecord,
@@ -11,10 +11,10 @@ use test_support::generator;
 
 use crate::network::yard::{Yard, run};
 
-/// Chi squared that three numbers exceed as rarely as one exceeds five sigmas.
+/// Chi squared that three numbers exceed as rarely as one number exceeds five sigmas.
 const FIVE_SIGMAS: f64 = 31.8;
 
-/// What the firmware is shipped with, and nothing.
+/// Systematic errors: the firmware's usual values, and none.
 const SYSTEMATIC: [&str; 2] = ["3.0, 0.08", "0.0, 0.0"];
 
 fn deceives(camera: &&Node) -> bool {
@@ -67,11 +67,11 @@ fn no_carrier_deceives_with_exit_code_0() {
         failed > 0,
         "no carrier did any harm: the test shows nothing"
     );
-    // Where poses are wrong, the carrier is what is told.
+    // Where poses are wrong, the verdict names the carrier.
     assert!(4 * blamed >= 3 * failed, "{blamed} of {failed}");
 }
 
-/// Nobody is told that errors are too large, or small, of a carrier that is as good as it says.
+/// Of a carrier that is as good as it says, the verdict does not say that errors are too large or too small.
 #[test]
 fn a_good_carrier_is_not_blamed() {
     for seed in 1..=10 {
@@ -81,7 +81,7 @@ fn a_good_carrier_is_not_blamed() {
     }
 }
 
-/// Places of which a target was not sure when a camera saw it there say nothing against a pose that
+/// A target may be unsure of its place when a camera sees it. Such places say nothing against a pose that
 /// was estimated later, together with all others. They hide no wrong lens either.
 #[test]
 fn places_that_were_not_sure_are_not_held_against_sightings() {
@@ -106,7 +106,7 @@ fn places_that_were_not_sure_are_not_held_against_sightings() {
             ..changes
         };
         let wrong = run(Scenario::load("thesis-13", &wrong).unwrap());
-        // Some references get no answer at all with such a lens, and then nobody does.
+        // With such a lens some references get no answer at all, and then no camera does.
         if wrong.summary.calibrated > 0 {
             let verdict = Verdict::of(&wrong);
             assert!(verdict.common.iter().any(is_lens), "{seed}: {verdict}");

@@ -1,4 +1,4 @@
-//! The seed is all the chance there is.
+//! All chance comes from the seed.
 
 use std::thread;
 
@@ -50,7 +50,7 @@ fn a_sweep_is_the_same_with_any_number_of_jobs() {
     assert_eq!(csv(1), csv(4));
 }
 
-/// One network more is on another channel, and changes nothing for the first.
+/// Another network is on another channel, and changes nothing for the first.
 #[test]
 fn a_network_does_not_notice_its_neighbour() {
     let first = |nodes| {

@@ -1,4 +1,4 @@
-//! What goes wrong on the air and on lines makes calibration later, not wrong.
+//! Faults on the air and on lines make calibration later, not wrong.
 
 use answers::record::{
     RunRecord,
@@ -87,7 +87,7 @@ fn learnt(record: &RunRecord) -> Vec<Vec<u32>> {
     OTHERS.iter().map(of).collect()
 }
 
-/// Frame counters refuse what was heard before: nobody learns anything from it.
+/// Frame counters refuse frames that were heard before: no node learns anything from them.
 #[test]
 fn replayed_frames_change_nothing() {
     let calm = run(yard());
@@ -107,8 +107,8 @@ fn replayed_frames_change_nothing() {
     }
 }
 
-/// It sees the target where it is not any more. A picture that does not change is noticed, so nobody's
-/// pose is made worse by it: not its own either, unless it is told that its sightings do not fit.
+/// The camera sees the target where it is not any more. A picture that does not change is noticed, so no pose
+/// is made worse by it: not its own either, unless it is told that its sightings do not fit.
 #[test]
 fn a_camera_that_sticks_does_not_harm_others() {
     let calm = run(yard());
@@ -138,7 +138,7 @@ fn a_camera_that_sticks_does_not_harm_others() {
     assert_eq!(told(&calm), []);
 }
 
-/// Of two power cuts at once the later end counts, and nobody starts a node without power.
+/// Of two power cuts at once the later end counts, and a node without power cannot be started.
 #[test]
 fn power_cuts_overlap_and_no_button_helps() {
     let cut = |for_s| Action::PowerCut {
@@ -170,7 +170,7 @@ fn power_cuts_overlap_and_no_button_helps() {
     assert!(!said.iter().any(|at| (20.0..45.0).contains(at)), "{said:?}");
 }
 
-/// The truth moves with it, and the frame does not move with a reference.
+/// The truth moves with the camera, and the frame does not move with a reference.
 #[test]
 fn a_camera_is_bumped() {
     let calm = run(yard());
@@ -196,7 +196,7 @@ fn a_camera_is_bumped() {
     }
 }
 
-/// What slips is in the steps that a target counts, and a slip of nothing changes nothing.
+/// A slip is in the steps that a target counts, and a slip of zero changes nothing.
 #[test]
 fn a_slip_is_in_the_steps() {
     let calm = run(yard());
@@ -216,12 +216,12 @@ fn a_slip_is_in_the_steps() {
     assert_ne!(slipped.targets[0].stops[5].believed, stops[5].believed);
 }
 
-/// Of so many seeds of cameras that do not stand quite where they are planned, those that once lost a camera: it
-/// was not asked, and missed all broadcasts of a stop, or did not believe them, for it had heard nothing of the
-/// target for a minute.
+/// Seeds for cameras that do not stand quite where they are planned: those that once lost a camera. It was not
+/// asked, and missed all broadcasts of a stop, or did not believe them, because it had heard nothing of the target
+/// for a minute.
 const ONCE_LOST: [u64; 11] = [455, 466, 509, 571, 583, 598, 664, 834, 837, 856, 1008];
 
-/// Nearly a third of all frames is lost, and one byte of every twentieth line of a camera is another.
+/// Nearly a third of all frames is lost, and one byte is wrong in every twentieth line of a camera.
 #[test]
 fn loss_and_corrupt_lines_cost_no_camera() {
     let calibrated = |seed: u64, scatter: Option<ScatterTable>| {

@@ -28,7 +28,7 @@ fn references_that_are_given() {
     assert_fair(&records);
 }
 
-/// All cameras are Pixy2s, or every other one is and a reference is of each kind.
+/// All cameras are Pixy2s, or every other one is, and then there is a reference of each kind.
 #[test]
 fn pixy2s_and_networks_of_both() {
     for every in [1, 2] {
@@ -60,8 +60,8 @@ fn a_pixy2_starts_again() {
     assert_all_calibrated(&run(scenario), "a Pixy2 without power");
 }
 
-/// Nobody knows who the references are, how far they are from each other, or where the target's
-/// compass points. The frame is that of whoever was elected.
+/// The references, their distance from each other, and the direction of the target's compass are not
+/// known. The frame is that of the elected references.
 #[test]
 fn references_that_are_elected() {
     let mut records = Vec::new();
@@ -72,7 +72,7 @@ fn references_that_are_elected() {
             ..Yard::default()
         };
         let record = run(yard.scenario(seed));
-        // Nobody has measured how far they are from each other: what that is worth differs.
+        // The distance of the references is not measured: how well it is found differs.
         assert_calibrated_within(&record, &format!("seed {seed}"), 0.4);
         let references: Vec<_> = record.cameras().filter(|c| c.reference).collect();
         assert_eq!(references.len(), 2);
@@ -86,8 +86,8 @@ fn references_that_are_elected() {
     assert_fair(&records);
 }
 
-/// The second one's last stop is beside the lines of sight to the first one's: a ball that is half
-/// hidden by the other one is a matter of its own, which nodes do not always notice.
+/// The second target's last stop is beside the lines of sight to the first one's stop: a ball that is half
+/// hidden by the other one is a case of its own, which nodes do not always notice.
 #[test]
 fn two_targets_of_two_colours() {
     let mut records = Vec::new();
@@ -121,7 +121,7 @@ fn two_targets_of_two_colours() {
 }
 
 /// The background is learnt while the target is still outside. Blocks of pixels are compared, in
-/// one channel, so that sightings are coarse, and the target must be brighter than what is behind.
+/// one channel, so that sightings are coarse, and the target must be brighter than its background.
 #[test]
 fn targets_that_are_found_by_motion() {
     let yard = Yard {
@@ -138,7 +138,7 @@ fn targets_that_are_found_by_motion() {
     assert_fair(&records);
 }
 
-/// Cameras that were told the wrong colour learn the right one from who stands in the middle of their view.
+/// Cameras that were told the wrong colour learn the right one from a person in the middle of their view.
 #[test]
 fn a_button_has_a_camera_learn_a_colour() {
     let seen_by = |pressed: Option<u16>| {
@@ -161,7 +161,7 @@ fn a_button_has_a_camera_learn_a_colour() {
     assert_eq!(seen_by(Some(3)), BTreeSet::from([3]));
 }
 
-/// The thesis's cameras, and what their nodes take them for.
+/// The thesis's cameras, and the camera model that their nodes use.
 fn stage(model: Projection) -> RunRecord {
     let changes = Overrides {
         seed: Some(3),
@@ -244,7 +244,7 @@ fn nobody_is_blamed_for_what_the_radio_lost() {
     );
 }
 
-/// Places are in the frame of the network, which is where it says.
+/// Places are in the frame of the network, which is where the record says.
 #[test]
 fn networks_are_told_apart() {
     let changes = Overrides {

@@ -1,4 +1,4 @@
-//! Cameras in a light that is another one than that to which they adapted.
+//! Cameras in another light than the one to which they adapted.
 
 use std::{fs, path::Path};
 
@@ -29,7 +29,7 @@ fn cameras_adapt_to_another_daylight() {
     }
 }
 
-/// No light to see anything in: a camera that had a pose says that it is blind.
+/// There is no light: a camera that had a pose says that it is blind.
 #[test]
 fn a_camera_that_stays_blind_says_so() {
     let calm = run(rounds(4));
@@ -48,7 +48,7 @@ fn a_camera_that_stays_blind_says_so() {
     assert!(Verdict::of(&calm).unwell.is_empty());
 }
 
-/// One whose power came back while the target stood before its lens took the ball's orange for white.
+/// Its power came back while the target stood before its lens, so it took the ball's orange for white.
 #[test]
 fn a_camera_that_started_with_the_target_before_its_lens_sees_again() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/faults/D_blind_after_restart.toml");
@@ -61,7 +61,7 @@ fn a_camera_that_started_with_the_target_before_its_lens_sees_again() {
     assert!(camera.estimate.is_some());
 }
 
-/// A target that is too far away, as most of a walk is for most cameras, makes nobody blind.
+/// A target that is too far away, as in most of a walk for most cameras, makes no camera blind.
 #[test]
 fn nobody_is_unwell_where_nothing_is_wrong() {
     for name in ["lab", "thesis-13", "office"] {

@@ -1,4 +1,4 @@
-//! What takes long, or passes unnoticed: idle days, restarts in them, flash that rots and wears, clocks
+//! Effects that take long, or pass unnoticed: idle days, restarts in them, flash that rots and wears, clocks
 //! that drift, carriers who rest or hurry.
 
 use answers::record::{Estimate, RunRecord};
@@ -12,15 +12,15 @@ use crate::network::yard::{
 const HOUR_S: f64 = 3600.0;
 const DAY_S: f64 = 24.0 * HOUR_S;
 
-/// Erasures that a page lasts for at least (nRF52840 Product Specification, "Flash").
+/// Number of erasures that a page lasts for at least (nRF52840 Product Specification, "Flash").
 const ENDURANCE: f64 = 10_000.0;
 
 fn yard() -> Scenario {
     Yard::default().scenario(31)
 }
 
-/// In the middle of its walk, the target stands for that long, while every hour another node restarts. After its
-/// own restarts the target asks again what cameras see, again and again at one place.
+/// In the middle of its walk, the target stands for that long, while another node restarts every hour. After its
+/// own restarts the target asks the cameras again for their measurements, again and again at one place.
 fn idle(days: f64) -> Scenario {
     let calm = run(yard());
     let at = calm.targets[0].stops[4].seconds.unwrap();
@@ -37,7 +37,7 @@ fn idle(days: f64) -> Scenario {
     })
 }
 
-/// However often a target asks at one place, nobody takes the answers for news: errors are what sigmas say.
+/// However often a target asks at one place, repeated answers are not taken for news: errors agree with sigmas.
 #[test]
 fn who_asks_again_and_again_learns_no_more() {
     let records: Vec<_> = (0..8)
@@ -64,13 +64,13 @@ fn who_asks_again_and_again_learns_no_more() {
                 .filter_map(|camera| camera.estimate.as_ref());
             estimates.map(Estimate::sigma_position).sum()
         };
-        // What the first restart costs: the way from one stop to the next.
+        // Cost of the first restart: the way from one stop to the next.
         assert!(sigmas(record) < 1.5 * sigmas(&calm), "seed {seed}");
     }
     assert_fair(&records);
 }
 
-/// Nobody forgets anything, everybody is found at the end, and flash lasts for years.
+/// No node forgets anything, every camera is found at the end, and flash lasts for years.
 #[test]
 fn seven_idle_days_with_a_restart_every_hour() {
     let days = 7.0;
@@ -105,8 +105,8 @@ fn a_carrier_who_rests_changes_nothing() {
     }
 }
 
-/// It is away before most cameras have looked. What they saw of it is not taken for what it was at the
-/// stop: nobody is deceived.
+/// The target is away before most cameras have looked. Their measurements of it are not taken for measurements
+/// at the stop: no pose deceives.
 #[test]
 fn a_carrier_who_ignores_the_lamp_deceives_nobody() {
     let mut calibrated = 0;
@@ -123,11 +123,11 @@ fn a_carrier_who_ignores_the_lamp_deceives_nobody() {
         }
         calibrated += record.summary.calibrated;
     }
-    // Who stands for some seconds is seen.
+    // A carrier who stands for some seconds is seen.
     assert!(calibrated >= OTHERS.len());
 }
 
-/// Flipped bits cost what they were in, and never make a pose wrong.
+/// Flipped bits cost only the data in which they are, and never make a pose wrong.
 #[test]
 fn flash_that_rots_deceives_nobody() {
     for id in [COORDINATOR, 1, 2, 3, TARGET] {
@@ -152,7 +152,7 @@ fn clocks_may_drift() {
     }
 }
 
-/// While it lasts a camera answers nothing, and for others the walk goes on.
+/// While its fault lasts a camera answers nothing, and for others the walk goes on.
 #[test]
 fn faults_of_a_camera_end() {
     let calm = run(yard());

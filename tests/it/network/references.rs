@@ -1,4 +1,4 @@
-//! A reference camera that dies before the references know where they stand.
+//! A reference camera that dies before the poses of the references are known.
 
 use answers::record::{
     RunRecord,
@@ -8,7 +8,7 @@ use site::{Action, Scenario};
 
 use crate::network::yard::{Yard, node, run, with};
 
-/// Both are elected: those that see the target first.
+/// Both references are elected: the cameras that see the target first.
 fn elected(seed: u64) -> Scenario {
     let yard = Yard {
         references: "cameras = [1, 2], elected = true, baseline_known = false, \
@@ -20,7 +20,7 @@ fn elected(seed: u64) -> Scenario {
     yard.scenario(seed)
 }
 
-/// For good: without its power, or without its camera.
+/// Permanent failures: without its power, or without its camera.
 fn deaths(id: u16) -> [Action; 2] {
     let for_s = 1e6;
     [
@@ -37,12 +37,12 @@ fn deaths(id: u16) -> [Action; 2] {
     ]
 }
 
-/// When the second stop of the walk is told.
+/// Time at which the second stop of the walk is told.
 fn second_stop(calm: &RunRecord) -> f64 {
     calm.targets[0].stops[1].seconds.unwrap() + 1.0
 }
 
-/// Another camera takes its place, and all that are left know where they stand.
+/// Another camera takes its place, and the poses of all remaining cameras are known.
 #[test]
 fn another_camera_takes_the_place_of_an_elected_one() {
     for seed in 1..=5 {
@@ -70,7 +70,7 @@ fn another_camera_takes_the_place_of_an_elected_one() {
     }
 }
 
-/// Nobody takes the place of one that is configured. People are told which one, and what to do.
+/// No camera takes the place of a configured one. The user is told which one failed, and what to do.
 #[test]
 fn of_a_configured_one_people_are_told() {
     for seed in 1..=5 {

@@ -1,4 +1,4 @@
-//! Any node may restart or lose its power at any moment: what was learnt is in its flash.
+//! Any node may restart or lose its power at any moment: the facts that it has learnt are in its flash.
 
 use site::{Action, Scenario};
 
@@ -50,8 +50,8 @@ fn a_camera_restarts() {
     restarts(3);
 }
 
-/// Standing it goes on from its place. Walking it is lost, and found again by cameras that are
-/// calibrated, or the references begin anew.
+/// If it stands, it goes on from its place. If it walks, it is lost, and found again by calibrated
+/// cameras, or the references begin anew.
 #[test]
 fn the_target_restarts() {
     restarts(TARGET);
@@ -94,9 +94,9 @@ fn power_cuts_in_the_middle_of_flash_writes() {
     }
 }
 
-/// Of its carrier nothing is known, so that poses are as good as all measurements together. Restarted
-/// where it stands, or on the way, the target goes on from all of them: cameras become as sure as
-/// without, but for the one leg that nobody measured.
+/// Nothing is known about its carrier, so that poses are as good as all measurements together. After a
+/// restart at a stop or on the way, the target goes on from all of them: cameras become as sure as
+/// without a restart, except for the one leg that was not measured.
 #[test]
 fn the_joint_estimate_goes_on_after_a_restart_of_the_target() {
     let yard = Yard {

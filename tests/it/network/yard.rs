@@ -1,4 +1,4 @@
-//! A small site: five cameras around a yard of which all of them see the middle.
+//! A small site: five cameras around a yard, which all see its middle.
 
 use std::{cell::RefCell, collections::BTreeMap, io, rc::Rc};
 
@@ -14,9 +14,9 @@ pub(crate) const TARGET: u16 = 20;
 /// The coordinator, in the events of a scenario.
 pub(crate) const COORDINATOR: u16 = 0;
 
-/// What can be different in a yard, as TOML.
+/// Options of a yard, as TOML.
 pub(crate) struct Yard<'a> {
-    /// More of what the nodes are configured to.
+    /// Further configuration of the nodes.
     pub(crate) firmware: &'a str,
     /// Whole tables.
     pub(crate) tables: &'a str,
@@ -124,7 +124,7 @@ pub(crate) fn written(scenario: Scenario) -> (String, String) {
     (record.to_json(false).unwrap(), log)
 }
 
-/// The scenario with something going wrong.
+/// The scenario with a fault.
 pub(crate) fn with(mut scenario: Scenario, at_s: f64, action: Action) -> Scenario {
     scenario.events.push(ScriptedEvent { at_s, action });
     scenario
@@ -134,7 +134,7 @@ pub(crate) fn node(record: &RunRecord, id: u16) -> &Node {
     record.nodes.iter().find(|node| node.id == id).unwrap()
 }
 
-/// Squared error over covariance, three numbers: more happens once in a million.
+/// Limit of the squared error over covariance, three numbers: a larger one comes once in a million.
 const NEES_MAX: f64 = 30.7;
 
 /// Every camera has a pose that is as good as it says.
@@ -143,8 +143,8 @@ pub(crate) fn assert_all_calibrated(record: &RunRecord, what: &str) {
     assert_calibrated_within(record, what, 0.3);
 }
 
-/// Over several runs poses err as much as they say, no more and no less: the cameras of a run have the
-/// error of its references in common, so that each run counts as three independent numbers only.
+/// Over several runs pose errors agree with their sigmas. The cameras of a run have the error of its
+/// references in common, so that each run counts as three independent numbers only.
 #[track_caller]
 pub(crate) fn assert_fair(records: &[RunRecord]) {
     let mut chi_squared = 0.0;
@@ -169,7 +169,7 @@ pub(crate) fn assert_calibrated_within(record: &RunRecord, what: &str, widest: f
                 camera.sightings
             );
         };
-        // What is given has no sigma.
+        // A given number has no sigma.
         for (error, sigma) in [
             (error.x, estimate.sigma_x),
             (error.y, estimate.sigma_y),
@@ -213,7 +213,7 @@ pub(crate) fn assert_nothing_forgotten(log: &str, what: &str) {
     );
 }
 
-/// Moments of a run that differ in what nodes are doing: at each stop as it is told, while cameras
+/// Moments of a run at which nodes do different things: at each stop as it is told, while cameras
 /// look, a while later, and on the way to the next one.
 pub(crate) fn moments(record: &RunRecord) -> Vec<f64> {
     let stops: Vec<f64> = record.targets[0]

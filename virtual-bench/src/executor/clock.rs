@@ -19,7 +19,7 @@ use super::{
 const MICROSECOND: Time = 1_000;
 const BILLION: u128 = 1_000_000_000;
 
-/// The time now, and what is planned.
+/// The time now, and the planned events.
 #[derive(Default)]
 pub(super) struct Timing {
     pub(super) now: Cell<Time>,
@@ -33,7 +33,7 @@ pub(super) struct Timing {
 #[derive(Clone)]
 pub struct Clock {
     pub(super) timing: Rc<Timing>,
-    /// How much faster than true it runs, 1e-9.
+    /// Error of the clock, 1e-9, positive if it is fast.
     drift_ppb: i32,
 }
 
@@ -87,7 +87,7 @@ impl Clock {
         drop(action);
     }
 
-    /// How many events are planned.
+    /// Number of planned events.
     pub fn planned(&self) -> usize {
         self.timing.timers.borrow().len()
     }

@@ -1,4 +1,4 @@
-//! How fast virtual time passes.
+//! Rate at which virtual time passes.
 
 use std::{
     thread,
@@ -10,10 +10,10 @@ use super::Time;
 /// Shorter waits than this are left to add up.
 const SLICE: Duration = Duration::from_millis(1);
 
-/// Whoever is late by no more than this catches up; whoever is later does not catch up at all.
+/// Lag up to which a run catches up; a greater lag is not caught up on at all.
 const LAG: Duration = Duration::from_millis(100);
 
-/// What to do before virtual time goes on.
+/// Step before virtual time goes on.
 #[derive(Debug, PartialEq)]
 enum Step {
     Wait(Duration),
@@ -22,7 +22,7 @@ enum Step {
     Rebase,
 }
 
-/// When this much real time has passed, and as much should have.
+/// Step after so much real time has passed, where so much should have.
 fn step(passed: Duration, due: Duration) -> Step {
     match due.checked_sub(passed) {
         Some(ahead) if ahead >= SLICE => Step::Wait(ahead),
@@ -31,9 +31,9 @@ fn step(passed: Duration, due: Duration) -> Step {
     }
 }
 
-/// A pace for [`Executor::set_pace`](super::Executor::set_pace): `speed` times as fast as the wall
-/// clock, from now on. Where the machine is too slow, time passes as fast as it can; what it is
-/// late by more than a tenth of a second is not caught up on.
+/// A pace for [`Executor::set_pace`](super::Executor::set_pace): `speed` times as fast as the wall clock, from now
+/// on. Where the machine is too slow, time passes as fast as it can; a lag of more than a tenth of a second is not
+/// caught up on.
 pub fn times_real_time(speed: f64) -> impl FnMut(Time) {
     let mut begun: Option<(Instant, Time)> = None;
     move |time| {

@@ -1,4 +1,4 @@
-//! What is to happen when.
+//! Events that are to happen, and their times.
 
 use std::{cmp::Reverse, collections::BinaryHeap, rc::Weak, task::Waker};
 
@@ -8,7 +8,7 @@ use super::Time;
 
 /// Something in the machinery that is called at a time, without being a task.
 pub trait Handler {
-    /// The time has come. `token` is what was given to [`Clock::call_at`](super::Clock::call_at).
+    /// The time has come. `token` is the one given to [`Clock::call_at`](super::Clock::call_at).
     fn event(&self, token: u64);
 }
 
@@ -17,7 +17,7 @@ pub(super) enum Action {
     Call(Weak<dyn Handler>, u64),
 }
 
-/// An event that was planned. They are ordered by time; what was planned first comes first.
+/// An event that was planned. They are ordered by time; at one time the event planned first comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct EventId {
     at: Time,
@@ -28,8 +28,8 @@ pub struct EventId {
 /// With fewer events than these in the order, nothing is gained by leaving some out.
 const SMALL: usize = 64;
 
-/// Most timers are taken off the plan before their time, so that is what costs least: the action goes, and
-/// its place in the order stays until it comes up, or until most places are such.
+/// Most timers are taken off the plan before their time, so that costs least: the action goes, and its place in
+/// the order stays until it comes up, or until most places are such.
 #[derive(Default)]
 pub(super) struct Timers {
     order: BinaryHeap<Reverse<EventId>>,
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use crate::random::mix;
 
-    /// Against a map in the order of time, while most of what is planned is taken off again.
+    /// Against a map in the order of time, while most planned events are taken off again.
     #[test]
     fn what_is_planned_comes_in_its_order() {
         let (mut timers, mut expected) = (Timers::default(), BTreeMap::new());

@@ -5,13 +5,13 @@ use std::any::Any;
 use super::end::End;
 use crate::executor::Time;
 
-/// What is on the far end of a line in place of a program: it has no clock, takes bytes with the
-/// times at which they arrive, and sends bytes with the times at which their stop bits are over.
+/// A device on the far end of a line, in place of a program. It has no clock, takes bytes with the times at which
+/// they arrive, and sends bytes with the times at which their stop bits are over.
 pub trait Device: Any {
     /// It has its power back and starts anew.
     fn power_up(&mut self, now: Time);
 
-    /// When it next does something by itself that may not wait until somebody listens.
+    /// Time when it next does something by itself that may not wait until a reader listens.
     fn next_action(&self) -> Option<Time>;
 
     /// Does what is due at this time.
@@ -23,7 +23,7 @@ pub trait Device: Any {
     /// The next byte that is sent until now.
     fn transmit(&mut self, now: Time) -> Option<(Time, u8)>;
 
-    /// When all that it sends without a pause is sent, or so many bytes of it.
+    /// Time when all that it sends without a pause is sent, or so many bytes of it.
     fn next_burst(&self, room: usize) -> Option<Time>;
 }
 
@@ -48,7 +48,7 @@ impl Powered {
         }
     }
 
-    /// Its actions and what it is sent in their order, until now.
+    /// Does its actions, and takes the bytes that it is sent, in their order, until now.
     pub(super) fn advance(&mut self, now: Time, node: &mut End, is_plugged: bool) {
         if !self.has_power {
             while node.next_sent(now).is_some() {}
@@ -79,8 +79,8 @@ impl Powered {
         }
     }
 
-    /// When something happens that somebody must see: an action, the end of what it is sent, or
-    /// bytes that the node waits for.
+    /// Time of the next event that must be handled: an action, the end of a line that it is sent, or bytes that
+    /// the node waits for.
     pub(super) fn next(&self, node: &End) -> Option<Time> {
         if !self.has_power {
             return None;

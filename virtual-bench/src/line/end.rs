@@ -1,4 +1,4 @@
-//! A UART: what it sends and what it has received.
+//! A UART: the bytes that it sends and those that it has received.
 
 use std::{collections::VecDeque, task::Waker};
 
@@ -9,16 +9,16 @@ use crate::executor::Time;
 const BITS: u64 = 10;
 const SECOND: Time = 1_000_000_000;
 
-/// Somebody who waits to write.
+/// A task that waits to write.
 pub(super) struct Writer {
-    /// Until no more than so many bytes are still to be sent.
+    /// Number of bytes still to be sent at which it goes on.
     pub(super) until: usize,
     pub(super) waker: Waker,
 }
 
-/// Somebody who waits to read.
+/// A task that waits to read.
 pub(super) struct Reader {
-    /// How many bytes it reads at once.
+    /// Most bytes that it reads at once.
     pub(super) most: usize,
     pub(super) waker: Waker,
 }
@@ -56,7 +56,7 @@ impl End {
         self.is_open = true;
     }
 
-    /// What has not begun is never sent.
+    /// Closes the end. Bytes that have not begun are never sent.
     pub(super) fn close(&mut self, now: Time) {
         self.is_open = false;
         self.received.clear();
@@ -93,27 +93,27 @@ impl End {
         self.sending.front().map(|(at, _)| *at)
     }
 
-    /// When the first carriage return that is under way is over, or else everything.
+    /// Time when the first carriage return that is under way is over, or else everything.
     pub(super) fn line_at(&self) -> Option<Time> {
         let line = self.sending.iter().find(|(_, byte)| *byte == b'\r');
         line.or(self.sending.back()).map(|(at, _)| *at)
     }
 
-    /// When so many bytes are over, or all that are under way.
+    /// Time when so many bytes are over, or all that are under way.
     pub(super) fn burst(&self, count: usize) -> Option<Time> {
         let last = self.sending.len().checked_sub(1)?;
         let place = count.saturating_sub(1).min(last);
         self.sending.get(place).map(|(at, _)| *at)
     }
 
-    /// When whoever waits to write can go on.
+    /// Time when the task that waits to write can go on.
     pub(super) fn sent_at(&self) -> Option<Time> {
         let writer = self.writer.as_ref()?;
         let surplus = self.sending.len().checked_sub(writer.until)?;
         self.burst(surplus)
     }
 
-    /// What this end has sent comes to another one.
+    /// Bytes that this end has sent come to another one.
     pub(super) fn deliver(&mut self, now: Time, to: &mut Self, is_plugged: bool) {
         while let Some((_, byte)) = self.next_sent(now) {
             if is_plugged {
@@ -137,7 +137,7 @@ impl End {
         self.reader.is_some()
     }
 
-    /// How many bytes the reader waits for, at most.
+    /// Most bytes that the reader waits for.
     pub(super) fn room(&self) -> usize {
         let most = self
             .reader

@@ -5,9 +5,8 @@
 //! woken once for a burst: when everything under way has come, or as much as it reads at once; as
 //! with a UART that has DMA and an idle-line interrupt.
 //!
-//! Each receiver has a buffer. What comes when it is full is lost and counted, as is what comes to a
-//! port that nobody has opened. Damage on the way is up to the device; a pulled plug is
-//! [`Line::unplug`].
+//! Each receiver has a buffer. Bytes that come when it is full are lost and counted, as are those that come to a
+//! port that is not open. Damage on the way is up to the device; a pulled plug is [`Line::unplug`].
 
 mod device;
 mod end;
@@ -26,7 +25,7 @@ pub use self::{
 use self::{device::Powered, end::End};
 use super::executor::{Clock, EventId, Handler, Time};
 
-/// What a UART is like.
+/// Properties of a UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uart {
     /// Bits a second, both ways.
@@ -48,14 +47,14 @@ impl Uart {
     }
 }
 
-/// What has come to an end of a line.
+/// Counts of bytes that have come to an end of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Bytes that arrived, lost ones included.
     pub received: u64,
     /// Bytes lost because the buffer was full.
     pub overrun: u64,
-    /// Bytes lost because nobody had opened the port.
+    /// Bytes lost because the port was not open.
     pub unheard: u64,
     /// Bytes sent.
     pub sent: u64,
@@ -131,8 +130,8 @@ impl Line {
         Port::new(self.0.clone(), side)
     }
 
-    /// Pulls the plug: what is under way and what follows is lost in both directions. The device
-    /// loses its power, if that came through the plug.
+    /// Pulls the plug: bytes under way and those that follow are lost in both directions. The device loses its
+    /// power, if that came through the plug.
     pub fn unplug(&self, with_power: bool) {
         self.0.act(|state, _| {
             state.is_plugged = false;
@@ -164,7 +163,7 @@ impl Line {
         })
     }
 
-    /// What has come to an end; nothing to a device.
+    /// Counts of bytes that have come to an end; none of those to a device.
     pub fn counts(&self, side: Side) -> Counts {
         self.0.act(|state, _| {
             let end = state.end(side);
@@ -216,7 +215,7 @@ impl State {
         }
     }
 
-    /// Everything that is due until now, and wakes whoever waits for it.
+    /// Does everything that is due until now, and wakes the tasks that wait for it.
     fn advance(&mut self, now: Time) {
         let Self {
             node,
@@ -234,7 +233,7 @@ impl State {
         node.wake();
     }
 
-    /// When something happens that somebody must see.
+    /// Time of the next event that must be handled.
     fn next(&self) -> Option<Time> {
         let own = match &self.far {
             Far::Device(device) => [device.next(&self.node), None],

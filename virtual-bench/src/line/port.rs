@@ -1,4 +1,4 @@
-//! What a node sees of a line.
+//! A node's view of a line.
 
 use std::{
     fmt,
@@ -21,7 +21,7 @@ pub struct Port {
     side: Side,
 }
 
-/// A UART like this does not fail: what goes wrong on the line is lost bytes and wrong ones.
+/// A UART like this does not fail: faults of the line are lost bytes and wrong ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PortError {}
 
@@ -44,7 +44,7 @@ impl Port {
         Self { shared, side }
     }
 
-    /// What has been received and not yet read, without waiting.
+    /// Bytes that have been received and not yet read, without waiting.
     pub fn received(&mut self) -> Vec<u8> {
         self.act(|end| end.received.drain(..).collect())
             .unwrap_or_default()
@@ -79,7 +79,7 @@ impl Read for Port {
     }
 }
 
-/// Waits for bytes; nobody is woken for them once it is dropped.
+/// Waits for bytes; no task is woken for them once it is dropped.
 struct Reading<'a> {
     port: &'a Port,
     buffer: &'a mut [u8],

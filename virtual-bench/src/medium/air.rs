@@ -35,7 +35,7 @@ const LQI_SPAN: f32 = 40.0;
 /// The sensitivity that LQI refers to where the model has none, dBm.
 const LQI_ZERO: f32 = -95.0;
 
-/// What is due: one event of a transmission.
+/// Event that is due for a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Due {
     /// A node has looked at the channel.
@@ -90,7 +90,7 @@ struct Lock {
 }
 
 pub(super) struct Node {
-    /// Of a radio elsewhere.
+    /// Ear of a radio elsewhere.
     pub(super) ear: Option<Box<dyn Ear>>,
     pub(super) config: Option<RadioConfig>,
     abilities: Abilities,
@@ -100,7 +100,7 @@ pub(super) struct Node {
     sending: Sending,
     /// The event that a power cut takes off the plan.
     event: Option<EventId>,
-    /// What it sends next: PSDU as handed over, channel, power.
+    /// Next frame to send: PSDU as handed over, channel, power.
     frame: Vec<u8>,
     channel: Channel,
     pub(super) power: i8,
@@ -123,13 +123,13 @@ impl Node {
         }
     }
 
-    /// Whether a frame of this strength stands out from all others, dBm.
+    /// Returns true if a frame of this strength stands out from all others, dBm.
     fn stands_out(&self, transmission: u32, strength: f32, thresholds: Thresholds) -> bool {
         stands_out(&self.carriers, transmission, strength, thresholds)
     }
 }
 
-/// Whether a frame of this strength stands out from all other carriers on its channel, dBm.
+/// Returns true if a frame of this strength stands out from all other carriers on its channel, dBm.
 fn stands_out(
     carriers: &[Carrier],
     transmission: u32,
@@ -149,16 +149,16 @@ fn stands_out(
 
 struct Transmission {
     from: u32,
-    /// Of the frames of its sender.
+    /// Number among the frames of its sender.
     number: u64,
     channel: Channel,
     start: Time,
     /// PSDU, FCS included unless `is_sealed`.
     bytes: Vec<u8>,
-    /// The radio appends a correct FCS, which nobody need compute.
+    /// The radio appends a correct FCS, which need not be computed.
     is_sealed: bool,
     is_cut: bool,
-    /// Who hears at least a carrier.
+    /// Nodes that hear at least a carrier.
     hearers: Vec<u32>,
 }
 
@@ -199,7 +199,7 @@ pub(super) struct Air {
     tuned: Vec<Tuned>,
 }
 
-/// To what a radio listens.
+/// Channel to which a radio listens.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Tuned {
     Off,
@@ -304,7 +304,7 @@ impl Air {
         self.tell(now, Event::Dropped { from, by, reason });
     }
 
-    /// Which channels a disturbance jams at a node now.
+    /// Channels that a disturbance jams at a node now.
     pub(super) fn jammed(&self, now: Time, node: NodeId) -> Vec<Channel> {
         let place = self.links.place(node.0);
         let all = Channel::FIRST.number()..=Channel::LAST.number();
@@ -372,7 +372,7 @@ impl Air {
         }
     }
 
-    /// Takes over a frame to be sent. What is due when.
+    /// Takes over a frame to be sent. Returns the next event, and its time.
     pub(super) fn begin(&mut self, now: Time, id: NodeId, frame: &[u8]) -> (Time, Due) {
         let node = self.node_mut(id);
         node.sending = Sending::Assessing;
@@ -391,7 +391,7 @@ impl Air {
         }
     }
 
-    /// Something is due. What is due next, and when.
+    /// Something is due. Returns the next event, and its time.
     pub(super) fn event(&mut self, now: Time, due: Due) -> Option<(Time, Due)> {
         match due {
             Due::Assessed(node) => self.assessed(now, node),
@@ -497,7 +497,7 @@ impl Air {
         slot
     }
 
-    /// Everybody in reach hears a new carrier.
+    /// Every node in reach hears a new carrier.
     fn spread(&mut self, now: Time, slot: u32) {
         let Transmission { from, channel, .. } = self.transmissions[slot as usize];
         let power = self.nodes[from as usize].power;
@@ -538,7 +538,8 @@ impl Air {
         counters.drop(Reason::OutOfRange, others - audible);
     }
 
-    /// A carrier begins at a radio elsewhere: whether it stands out there, and whose frames do not any more.
+    /// A carrier begins at a radio elsewhere. Returns true if it stands out there, and the senders whose frames do
+    /// not any more.
     fn overlap(&mut self, slot: u32, link: Link, strength: f32) -> (bool, Vec<NodeId>) {
         let channel = self.transmissions[slot as usize].channel;
         let node = &mut self.nodes[link.to as usize];
@@ -604,7 +605,7 @@ impl Air {
         }
     }
 
-    /// Whether a link loses a frame by chance.
+    /// Returns true if a link loses a frame by chance.
     fn is_lost(&self, end: Time, transmission: &Transmission, by: u32, loss: f32) -> bool {
         let kept = (1.0 - f64::from(loss)) * (1.0 - self.disturbances.loss(end));
         share(mix(self.chance(transmission, by))) >= kept
@@ -616,7 +617,7 @@ impl Air {
             ^ u64::from(by)
     }
 
-    /// A carrier begins at a receiver. Why its frame is lost already.
+    /// A carrier begins at a receiver. Returns the reason why its frame is lost already.
     fn hear(&mut self, slot: u32, link: Link, strength: f32, is_strong: bool) -> Option<Reason> {
         let thresholds = self.thresholds;
         let node = &mut self.nodes[link.to as usize];
@@ -676,7 +677,7 @@ impl Air {
         self.spare.push((bytes, hearers));
     }
 
-    /// A frame is over at the receiver that stayed with it. Why it is lost, if it is.
+    /// A frame is over at the receiver that stayed with it. Returns the reason why it is lost, if it is.
     fn arrive(
         &mut self,
         now: Time,

@@ -1,10 +1,10 @@
-//! What was sent, and why something was not received.
+//! Counts of sent frames, and of reasons why frames were not received.
 
 use std::ops::AddAssign;
 
 use crate::executor::Time;
 
-/// Why a frame did not arrive.
+/// Reason why a frame did not arrive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
     /// The radio was on, on the right channel, and too far away. Counted for the sender.
@@ -19,7 +19,7 @@ pub enum Reason {
     Busy,
     /// The address filter of the receiver.
     Filtered,
-    /// Nobody received, and the radio has no queue.
+    /// No task received, and the radio has no queue.
     NotListening,
     /// The queue of the receiver was full.
     QueueFull,
@@ -69,14 +69,14 @@ impl Reason {
     }
 }
 
-/// What a radio did, or all of them together.
+/// Counts of a radio, or of all together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Frames sent.
     pub frames: u64,
     /// Their bytes, FCS included, without the PHY header.
     pub bytes: u64,
-    /// How long it sent, with the PHY header.
+    /// Time for which it sent, with the PHY header.
     pub airtime: Time,
     /// Frames that arrived.
     pub received: u64,

@@ -1,4 +1,4 @@
-//! What goes wrong on the air by order of a script.
+//! Faults of the air by order of a script.
 
 use std::{collections::BTreeSet, ops::Range};
 
@@ -7,23 +7,23 @@ use zigbee_link::radio::Channel;
 use super::{NodeId, Place};
 use crate::executor::Time;
 
-/// Something that goes wrong for a while.
+/// A fault that lasts for a while.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disturbance {
-    /// When, nanoseconds.
+    /// Time from begin to end, nanoseconds.
     pub during: Range<Time>,
-    /// What.
+    /// Kind of fault.
     pub kind: Kind,
 }
 
-/// What goes wrong.
+/// Kind of a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     /// A carrier: receivers in reach lose what they receive and find the channel busy.
     Jammer {
         /// Its channel, or all.
         channel: Option<Channel>,
-        /// Where it is and how far it reaches, or everywhere.
+        /// Its place and its reach, or everywhere.
         disk: Option<(Place, f64)>,
     },
     /// These nodes neither hear the others nor are heard by them.

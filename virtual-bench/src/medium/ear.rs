@@ -7,23 +7,23 @@ use super::{NodeId, Reason};
 /// A frame that begins to arrive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrival<'a> {
-    /// Whose.
+    /// Its sender.
     pub from: NodeId,
-    /// Where.
+    /// Its channel.
     pub channel: Channel,
     /// With its FCS.
     pub psdu: &'a [u8],
-    /// What is received of it, dBm.
+    /// Strength with which it is received, dBm.
     pub strength: f32,
-    /// Why it is not received, even if nothing else is on the air: it is only a carrier then.
+    /// Reason why it is not received, even if nothing else is on the air: it is only a carrier then.
     pub lost: Option<Reason>,
     /// It stands out from all that is on the air at this radio when it begins.
     pub stands_out: bool,
-    /// Whose frames do not stand out there any more, now that it begins.
+    /// Senders whose frames do not stand out there any more, now that it begins.
     pub spoils: &'a [NodeId],
 }
 
-/// Is told what begins to arrive at a node. It must not use the medium.
+/// Is told of each frame that begins to arrive at a node. It must not use the medium.
 pub trait Ear {
     /// A frame begins now.
     fn hear(&mut self, arrival: Arrival<'_>);

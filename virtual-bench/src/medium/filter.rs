@@ -5,8 +5,8 @@ use zigbee_link::{
     wire::{Address, Frame, FrameType, PanId, ShortAddress},
 };
 
-/// Whether a radio with this configuration, not promiscuous, delivers a frame (third level of
-/// filtering, IEEE 802.15.4-2006, 7.5.6.2).
+/// Returns true if a radio with this configuration, not promiscuous, delivers a frame (third level of filtering,
+/// IEEE 802.15.4-2006, 7.5.6.2).
 ///
 /// Frames that are not understood are not delivered.
 pub(super) fn accepts(config: &RadioConfig, frame: &[u8]) -> bool {
@@ -93,7 +93,7 @@ mod tests {
                 &[0x41, 0x9C, 1, 0xEF, 0xBE, 9, 7, 6, 5, 4, 3, 2, 1, 1, 0],
                 [false, false, false],
             ),
-            // To nobody, which is the coordinator.
+            // Without a destination, which means to the coordinator.
             (&[0x01, 0x90, 1, 0xEF, 0xBE, 1, 0], [false, true, false]),
             // A beacon of the own and of another network.
             (

@@ -1,5 +1,5 @@
-//! Who hears whom, kept up to date with a grid: a move costs as much as the links of the one that
-//! moves.
+//! Links between nodes that hear each other, kept up to date with a grid: a move costs as much as the links of the
+//! node that moves.
 
 use std::collections::HashMap;
 
@@ -15,7 +15,7 @@ pub(super) struct Links {
     pub(super) propagation: Propagation,
     seed: u64,
     places: Vec<Place>,
-    /// Of each node, sorted by the other end.
+    /// Links of each node, sorted by the other end.
     links: Vec<Vec<Link>>,
     /// Width of a cell: no link is longer.
     width: f64,

@@ -1,4 +1,4 @@
-//! The radio medium: who hears whom, and what is lost why.
+//! The radio medium: range, losses and their reasons.
 //!
 //! A [`Medium`] is one piece of air with all sixteen channels. A node [attached](Medium::attach) to
 //! it sends and receives through a [`Radio`], which keeps the contract of [`zigbee_link::radio`].
@@ -11,23 +11,22 @@
 //! collide.
 //!
 //! # Reception
-//! A receiver locks on to the first frame that it hears and stays with it to its end. What overlaps
-//! destroys that frame unless it is stronger than all others together by the capture threshold of
-//! the [`Propagation`]; the frame that came later is lost in any case. A radio that sends, from its
-//! turnaround on, hears nothing.
+//! A receiver locks on to the first frame that it hears and stays with it to its end. Overlapping frames destroy
+//! that frame unless it is stronger than all others together by the capture threshold of the [`Propagation`]; the
+//! frame that came later is lost in any case. A radio that sends, from its turnaround on, hears nothing.
 //!
 //! A frame that was destroyed or damaged is dropped by a radio with FCS, and delivered with wrong
 //! bytes by one without. Every drop has a [`Reason`]. The carrier of a sender that loses its power
 //! lasts as long as its frame would have.
 //!
 //! # Radios elsewhere
-//! A node may have an [`Ear`] in the place of a [`Radio`]: it is told of each frame as it begins, and
-//! what becomes of that where the radio stays with it, and sends with [`Medium::transmit`]. Which frames stand out
-//! from the others is told; with which it stays, assessments and times are then its own.
+//! A node may have an [`Ear`] in the place of a [`Radio`]: it is told of each frame as it begins, and of the
+//! frame's fate where the radio stays with it, and sends with [`Medium::transmit`]. It is told which frames stand
+//! out from the others; it decides itself with which it stays, and makes its own assessments and times.
 //!
 //! # Chance
-//! Whether a link loses a frame depends on the seed, its two ends and the number of the frame at its
-//! sender: nothing that happens elsewhere changes it.
+//! The loss of a frame on a link depends on the seed, its two ends and the number of the frame at its sender:
+//! nothing that happens elsewhere changes it.
 
 mod air;
 mod counters;
@@ -60,14 +59,14 @@ use super::executor::{Clock, EventId, Handler, Time};
 /// A place in the plane, in the units of the [`Propagation`].
 pub type Place = [f64; 2];
 
-/// What the radio of an nRF52840 does, with a queue in its driver and a filter.
+/// Abilities of the radio of an nRF52840, with a queue in its driver and a filter.
 pub const NRF52840: Abilities = Abilities {
     fcs: true,
     address_filter: true,
     rx_queue: true,
 };
 
-/// What a radio of a medium does by itself.
+/// Functions that a radio of a medium does by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Abilities {
     /// Appends the frame check sequence, and drops received frames where it is wrong. Frames then
@@ -87,7 +86,7 @@ pub struct NodeId(pub u32);
 #[derive(Clone)]
 pub struct Medium(Rc<Shared>);
 
-/// What the handles share.
+/// State that the handles share.
 struct Shared {
     air: RefCell<Air>,
     clock: Clock,
@@ -133,7 +132,7 @@ impl Medium {
         Radio::new(self.0.clone(), node, abilities)
     }
 
-    /// Where a node is.
+    /// Place of a node.
     pub fn place(&self, node: NodeId) -> Place {
         self.0.air.borrow().links.place(node.0)
     }
@@ -143,13 +142,13 @@ impl Medium {
         self.0.air.borrow_mut().links.move_to(node.0, place);
     }
 
-    /// Has something go wrong.
+    /// Adds a fault.
     pub fn disturb(&self, disturbance: Disturbance) {
         self.0.air.borrow_mut().disturbances.add(disturbance);
     }
 
-    /// Puts a PSDU, FCS included, on the air from the antenna of a node, whatever its own radio
-    /// does: a replayed or forged frame.
+    /// Puts a PSDU, FCS included, on the air from the antenna of a node, independently of its own radio: a
+    /// replayed or forged frame.
     ///
     /// # Panics
     /// The PSDU is shorter than an acknowledgement or longer than [`PSDU_MAX`].
@@ -179,23 +178,23 @@ impl Medium {
         }
     }
 
-    /// On which channels a [jammer](Kind::Jammer) is heard at a node now.
+    /// Channels on which a [jammer](Kind::Jammer) is heard at a node now.
     pub fn jammed(&self, node: NodeId) -> Vec<Channel> {
         let now = self.0.clock.time();
         self.0.air.borrow().jammed(now, node)
     }
 
-    /// Has somebody told of all events from now on.
+    /// Tells a watcher of all events from now on.
     pub fn watch(&self, watcher: impl Watcher + 'static) {
         self.0.air.borrow_mut().watchers.push(Box::new(watcher));
     }
 
-    /// What a node did so far.
+    /// Counts of a node so far.
     pub fn counters(&self, node: NodeId) -> Counters {
         self.0.air.borrow().counters(node)
     }
 
-    /// What all nodes did so far.
+    /// Counts of all nodes so far.
     pub fn totals(&self) -> Counters {
         self.0.air.borrow().totals()
     }

@@ -1,4 +1,4 @@
-//! How strongly one radio hears another.
+//! Strength with which one radio hears another.
 
 use super::Place;
 use crate::random::{mix, normal};
@@ -7,15 +7,15 @@ use crate::random::{mix, normal};
 const SHADOWING_CUT: f64 = 3.0;
 /// The greatest power that a radio may send with, dBm (nRF52840).
 const POWER_MAX: f64 = 8.0;
-/// How much weaker than the weakest frame that is received a carrier still disturbs, dB.
+/// Margin below the weakest frame that is received within which a carrier still disturbs, dB.
 const DISTURBANCE: f64 = 10.0;
 /// In a disk: at its centre, and at its edge, dBm.
 const DISK: [f64; 2] = [-40.0, -90.0];
 
-/// A model of who hears whom. All are reciprocal.
+/// A model of the links between nodes. All are reciprocal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Propagation {
-    /// Everybody within a distance is heard, less a share of the frames.
+    /// Every node within a distance is heard, less a share of the frames.
     UnitDisk {
         /// The distance, in the units of the places.
         range: f64,
@@ -41,7 +41,7 @@ pub struct LogDistance {
     /// The weakest carrier that makes the channel busy, dBm: as weak as frames are received where radios sense
     /// carriers, as those of the boards do (IEEE 802.15.4, "CCA", mode 3); -75 dBm where they sense energy alone.
     pub clear_channel: f64,
-    /// By how much a frame must be stronger than all others together to survive them, dB.
+    /// Margin by which a frame must be stronger than all others together to survive them, dB.
     pub capture: f64,
     /// The share of frames lost on each link besides, 0 to 1.
     pub loss: f64,
@@ -63,7 +63,7 @@ impl Default for LogDistance {
     }
 }
 
-/// What a receiver can make of a carrier, dBm.
+/// Limits of a receiver for carriers, dBm.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Thresholds {
     pub(super) sensitivity: f32,
@@ -78,7 +78,7 @@ pub(super) struct Thresholds {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Link {
     pub(super) to: u32,
-    /// What is received of a sender of 0 dBm.
+    /// Strength of a sender of 0 dBm as it is received.
     pub(super) gain: f32,
     pub(super) loss: f32,
 }
@@ -101,7 +101,7 @@ impl Propagation {
         }
     }
 
-    /// What a receiver gets, dBm.
+    /// Strength at a receiver, dBm.
     pub(super) fn received(&self, link: Link, power: i8) -> f32 {
         match self {
             Self::LogDistance(_) => link.gain + f32::from(power).min(POWER_MAX as f32),
@@ -109,7 +109,7 @@ impl Propagation {
         }
     }
 
-    /// Nobody beyond this distance hears anything.
+    /// Distance beyond which no node hears anything.
     pub(super) fn reach(&self) -> f64 {
         match self {
             Self::UnitDisk { range, .. } => *range,

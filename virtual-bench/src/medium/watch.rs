@@ -1,4 +1,4 @@
-//! Watching the air: events, captures, and a hash over all that happened.
+//! Observers of the air: events, captures, and a hash over all that happened.
 
 use std::io::{self, Write};
 
@@ -15,32 +15,32 @@ use crate::{executor::Time, random::mix};
 pub enum Event<'a> {
     /// A frame begins.
     Sent {
-        /// By whom.
+        /// Its sender.
         from: NodeId,
-        /// Where.
+        /// Its channel.
         channel: Channel,
         /// Its bytes, without FCS.
         frame: &'a [u8],
     },
     /// A frame has arrived.
     Received {
-        /// Whose.
+        /// Its sender.
         from: NodeId,
-        /// Where.
+        /// Its receiver.
         by: NodeId,
     },
     /// A frame has not arrived. [`Reason::OutOfRange`] is only counted.
     Dropped {
-        /// Whose.
+        /// Its sender.
         from: NodeId,
-        /// Where; the sender itself if it was not sent.
+        /// The receiver; the sender itself if it was not sent.
         by: NodeId,
-        /// Why.
+        /// Reason.
         reason: Reason,
     },
 }
 
-/// Is told what happens. It must not use the medium.
+/// Is told of each event. It must not use the medium.
 pub trait Watcher {
     /// Something happens now.
     fn event(&mut self, at: Time, event: Event<'_>);
@@ -71,7 +71,7 @@ impl<W: Write> Watcher for Capture<W> {
         if let Event::Sent { channel, frame, .. } = event
             && let Some(record) = pcap_record(Instant(at / 1000), channel, None, frame)
         {
-            // A full disk spoils the capture, not the run. Whoever owns the file learns of it.
+            // A full disk spoils the capture, not the run. The owner of the file learns of it.
             let _ = self.0.write_all(&record);
         }
     }

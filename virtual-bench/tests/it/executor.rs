@@ -242,7 +242,7 @@ impl Outside for Ticks {
     }
 }
 
-/// What happens outside comes at its time, before what is planned here for that time.
+/// Events outside come at their time, before those planned here for that time.
 #[test]
 fn the_outside_keeps_the_time() {
     let mut executor = Executor::new();

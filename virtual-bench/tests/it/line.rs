@@ -58,7 +58,7 @@ fn byte_times_of_a_console() {
     assert!(log.len() <= 7, "{log:?}");
 }
 
-/// A buffer of four bytes that nobody reads keeps the first four.
+/// A buffer of four bytes that is not read keeps the first four.
 #[test]
 fn overrun() {
     let mut executor = Executor::new();

@@ -86,7 +86,7 @@ impl Bench {
         (node, outcomes)
     }
 
-    /// A node that writes down what it hears.
+    /// A node that writes down the frames that it hears.
     fn listener(&mut self, place: Place, abilities: Abilities) -> (NodeId, Heard) {
         let node = self.medium.attach(place);
         let heard = Heard::default();
@@ -159,7 +159,7 @@ fn collisions_and_the_busy_channel() {
     }
 }
 
-/// Two who do not hear one another collide at the one between them, whenever they overlap.
+/// Two nodes that do not hear one another collide at the one between them, whenever they overlap.
 #[test]
 fn hidden_terminal() {
     let mut bench = Bench::disk(10.0, 0.0);
@@ -226,7 +226,7 @@ fn loss_is_as_asked_and_independent_of_others() {
     assert_eq!(arrivals(0), arrivals(3));
 }
 
-/// What becomes of frames that nobody waits for, and that are for others.
+/// Fates of frames that no task waits for, and of frames for others.
 #[test]
 fn queues_and_filters() {
     let times: Vec<_> = (1..=12).map(|n| (n * 5 * MILLISECOND, 20)).collect();
@@ -315,7 +315,7 @@ fn scripted_disturbances() {
     assert_eq!(bench.dropped(sender, Reason::Busy), 10);
     assert_eq!(outcomes.borrow()[40..50], [TxOutcome::ChannelBusy; 10]);
     assert_eq!(heard.borrow().len(), 20);
-    // A radio without FCS gets what the air made of it.
+    // A radio without FCS gets the frame as the air left it.
     let intact = |second: u64| -> Vec<bool> {
         let during = second * SECOND..(second + 1) * SECOND;
         let damaged = damaged.borrow();
@@ -452,10 +452,10 @@ fn captures() {
     assert_eq!((number(82), number(86)), (2, 320));
 }
 
-/// What a radio elsewhere is told: when, by whom, how strong, and why it is lost.
+/// Facts that a radio elsewhere is told: time, sender, strength, and the reason why it is lost.
 type Told = Rc<RefCell<Vec<(Time, NodeId, f32, Option<Reason>)>>>;
 
-/// Whose frame began, whether it stands out, and whose frames do not any more.
+/// Sender whose frame began, true if it stands out, and senders whose frames do not any more.
 type Overlap = (NodeId, bool, Vec<NodeId>);
 
 impl Bench {
@@ -513,7 +513,7 @@ fn a_radio_may_be_elsewhere() {
         (1, 22, airtime)
     );
     assert_eq!(counters.dropped(Reason::OutOfRange), 0);
-    // Nobody who has no ear any more is told.
+    // A node that has no ear any more is not told.
     bench.medium.set_ear(other, None);
     bench.send_elsewhere(one, 2 * SECOND);
     bench.run(3 * SECOND);

@@ -118,7 +118,7 @@ fn power_cuts_within_writes_do_not_spoil_a_node() {
     assert_eq!(network.joined(), 2);
 }
 
-/// Everything that was on the air is sent again later from elsewhere: nobody takes a message twice.
+/// Everything that was on the air is sent again later from elsewhere: no node takes a message twice.
 #[test]
 fn replayed_frames_deliver_nothing() {
     let mut network = network(3, 0.0, 11);

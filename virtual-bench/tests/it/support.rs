@@ -1,4 +1,4 @@
-//! What these tests share.
+//! Items that these tests share.
 
 use std::{cell::RefCell, rc::Rc};
 

@@ -1,9 +1,9 @@
-//! How many branches to panics the compiler may leave in an image: none in crates of this project, and
-//! in others as many as were looked at.
+//! Number of branches to panics that the compiler may leave in an image: none in crates of this project, and in
+//! others as many as were looked at.
 //!
-//! A grant is for one kind of panic in one crate, and for an exact number in each image. With another
-//! version of the crate or the compiler, the error tells all branches of the kind: who changes the number
-//! looks at them, and whether the reason still holds.
+//! A grant is for one kind of panic in one crate, and for an exact number in each image. With another version of
+//! the crate or the compiler, the error tells all branches of the kind: the developer who changes the number looks
+//! at them, and checks that the reason still holds.
 
 use std::collections::BTreeMap;
 
@@ -11,17 +11,17 @@ use super::panics::Panic;
 
 /// Some branches that are not taken.
 struct Grant {
-    /// Whose they are.
+    /// Name of their crate.
     krate: &'static str,
     panic: &'static str,
-    /// How many there are in the image of each board, in the order of [`super::BOARDS`].
+    /// Their number in the image of each board, in the order of [`super::BOARDS`].
     counts: [usize; 2],
     reason: &'static str,
 }
 
-/// What every `async fn` has, of whatever crate: the compiler leaves it where it did not find out by
-/// itself that nobody polls a future that has ended, which neither `await` nor `join`, `select` or the
-/// executor does. They are printed, and not limited.
+/// Panic that every `async fn` has, of any crate: the compiler leaves it where it did not find out by itself that
+/// no caller polls a future that has ended, which neither `await` nor `join`, `select` or the executor does. They
+/// are printed, and not limited.
 const RESUMED: &str = "core::panicking::panic_const::panic_const_async_fn_resumed";
 
 const BOUNDS: &str = "core::panicking::panic_bounds_check";
@@ -114,7 +114,7 @@ impl<'a> Count<'a> {
             .map(|((krate, panic), panics)| format!("{:>6} {krate}: {panic}", panics.len()))
     }
 
-    /// What differs from the grants, for a board by its number.
+    /// Differences from the grants, for a board by its number.
     pub(super) fn errors(&self, board: usize) -> Vec<String> {
         self.errors_but(GRANTS, board)
     }
@@ -156,7 +156,7 @@ impl<'a> Count<'a> {
         errors
     }
 
-    /// Why none of them is taken.
+    /// Reasons why none of them is taken.
     pub(super) fn reasons() -> impl Iterator<Item = String> {
         GRANTS
             .iter()

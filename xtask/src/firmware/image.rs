@@ -1,4 +1,4 @@
-//! What is in a linked image.
+//! Content of a linked image.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -16,15 +16,15 @@ use crate::elf::{self, Size, is_loaded, is_writable};
 pub(super) struct Image {
     pub(super) path: PathBuf,
     pub(super) size: Size,
-    /// Name and bytes of what is in the flash.
+    /// Name and bytes of the sections in the flash.
     pub(super) sections: Vec<(String, u64)>,
-    /// By address.
+    /// Functions by address.
     pub(super) functions: BTreeMap<u32, Function>,
-    /// Name and bytes of what takes memory.
+    /// Name and bytes of the symbols that take memory.
     pub(super) symbols: Vec<Symbol>,
     /// Functions that the processor calls: at the reset, and at exceptions and interrupts.
     pub(super) vectors: Vec<u32>,
-    /// Functions whose address is kept somewhere, so that anybody may call them.
+    /// Functions whose address is kept somewhere, so that any code may call them.
     pub(super) kept: BTreeSet<u32>,
     /// Functions whose addresses are together in a constant, by its name.
     pub(super) tables: BTreeMap<String, Vec<u32>>,
@@ -45,7 +45,7 @@ pub(super) struct Function {
     pub(super) calls: Vec<Call>,
     /// Branches within it.
     pub(super) jumps: Vec<Call>,
-    /// Where it calls what a pointer points to.
+    /// Places where it calls through a pointer.
     pub(super) pointer_calls: Vec<u32>,
 }
 
@@ -103,8 +103,8 @@ impl Image {
     }
 
     fn disassemble(&mut self, file: &object::File<'_>) -> Result<()> {
-        // Where data begins within code, and where code goes on (ELF for the Arm Architecture,
-        // "Mapping symbols").
+        // Marks where data begins within code, and where code goes on (ELF for the Arm Architecture, "Mapping
+        // symbols").
         let marks: BTreeMap<u32, bool> = file
             .symbols()
             .filter_map(|symbol| match symbol.name().ok()?.get(..2)? {

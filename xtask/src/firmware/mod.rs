@@ -1,4 +1,4 @@
-//! `cargo xtask firmware`: images for all boards, and what they take.
+//! `cargo xtask firmware`: images for all boards, and the memory that they take.
 
 mod grants;
 mod image;
@@ -27,32 +27,32 @@ use crate::{
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 const PROFILE: &str = "firmware";
-/// Where images are put.
+/// Folder of the images.
 const DIRECTORY: &str = "target/firmware";
 
 /// The folder in which this program is the linker of images. `memory.x` is looked for where the linker
 /// runs, before all other folders, and cargo runs it where the one of the nRF52840 is.
 pub(crate) const LINK_IN: &str = "XTASK_LINK_IN";
 
-/// How much is inlined. At `opt-level = "z"` LLVM stops at 5, where many a call takes more than what is
+/// Limit of inlining. At `opt-level = "z"` LLVM stops at 5, where many a call takes more than the function that is
 /// called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 40 or 60 less than that.
 const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
 
-/// What images log, for `defmt`: errors, unless this says something else.
+/// Level of logs in images, for `defmt`: errors, unless this says something else.
 const LOG: &str = "DEFMT_LOG";
 
-/// How many of the largest symbols are listed.
+/// Number of the largest symbols that are listed.
 const LARGEST: usize = 12;
 
-/// A board, and what its image may take, in bytes.
+/// A board, and the bytes that its image may take.
 struct Board {
     package: &'static str,
-    /// What the documentation calls it.
+    /// Its name in the documentation.
     name: &'static str,
     budget: Budget,
 }
 
-/// What is enforced, and what the image should take one day.
+/// Enforced limits, and the aims for the image.
 struct Budget {
     flash: u64,
     ram: u64,
@@ -60,18 +60,18 @@ struct Budget {
     aim: [u64; 3],
 }
 
-/// What the node of the thesis had: a Jennic JN5121's ROM, and its RAM.
+/// Memory of the thesis's node: a Jennic JN5121's ROM, and its RAM.
 const THESIS: (u64, u64) = (64 << 10, 96 << 10);
 
 const BOARDS: [Board; 2] = [
     Board {
         package: "nrf52840",
         name: "nRF52840",
-        // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so that
-        // it gets no worse: lower it when the image shrinks. 5.3 KB are the Pixy2's, which any node may
-        // have, 2.4 KB what a target brings to another network and the line of its stops,
-        // 2 KB the judging of colours, 17 KB the tracking of objects; the chip has 1 MB. Of the RAM 82 KB are the
-        // equations of the stops that a target estimates together.
+        // The aims for flash and stack are not met. Enforced are the measured values, rounded up, so that they get
+        // no worse: lower them when the image shrinks. 5.3 KB are the Pixy2's, which any node may have, 2.4 KB are
+        // for bringing a target to another network and for the line of its stops, 2 KB for the judging of colours,
+        // 17 KB for the tracking of objects; the chip has 1 MB. Of the RAM 82 KB are the equations of the stops
+        // that a target estimates together.
         budget: Budget {
             flash: 281 << 10,
             ram: 144 << 10,
@@ -92,9 +92,9 @@ const BOARDS: [Board; 2] = [
     },
 ];
 
-/// Builds the images of these boards, or of all, prints what they take, and fails over a budget, a
-/// panic or, where all are built, a figure in the documentation that is another one. Images that are to log
-/// more than errors are only built: what logs takes room and stack, and formats text.
+/// Builds the images of these boards, or of all, prints the memory that they take, and fails over a budget, a
+/// panic or, where all are built, a figure in the documentation that is another one. Images that are to log more
+/// than errors are only built: logging takes room and stack, and formats text.
 pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
     for board in chosen {
         let is_known = packages().any(|package| package == board);
@@ -160,7 +160,7 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// What is measured of a board: its number, itself, its image and its stack.
+/// Measurements of a board: its number, itself, its image and its stack.
 type Measured = (usize, &'static Board, Image, Worst);
 
 fn header(what: &str) -> Vec<String> {
@@ -168,7 +168,7 @@ fn header(what: &str) -> Vec<String> {
     [what.to_owned()].into_iter().chain(boards).collect()
 }
 
-/// What the images take, for the documentation.
+/// Memory that the images take, for the documentation.
 fn memory(measured: &[Measured]) -> documented::Table {
     let mut rows = vec![header("bytes, `cargo xtask firmware`")];
     rows[0].extend(["aim", "thesis's node"].map(str::to_owned));
@@ -217,7 +217,7 @@ pub(crate) fn packages() -> impl Iterator<Item = &'static str> {
     BOARDS.iter().map(|board| board.package)
 }
 
-/// Builds one image, and returns where it is.
+/// Builds one image, and returns its path.
 pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
@@ -277,7 +277,7 @@ pub(crate) fn prepare_linker(sh: &Shell) -> Result<()> {
     crate::copy_of_this(&linker(sh))
 }
 
-/// Links, in this folder, what cargo asked this program to link.
+/// Links, in this folder, the objects that cargo passed to this program.
 pub(crate) fn link(folder: &OsStr) -> Result<ExitCode> {
     let status = Command::new(setup::LINKER)
         .args(env::args_os().skip(1))
@@ -290,7 +290,7 @@ pub(crate) fn link(folder: &OsStr) -> Result<ExitCode> {
     })
 }
 
-/// Where the image of a board is put.
+/// Path of the image of a board.
 pub(crate) fn image(sh: &Shell, package: &str) -> PathBuf {
     let directory = sh.current_dir().join(DIRECTORY);
     directory.join(format!("{package}-node.elf"))

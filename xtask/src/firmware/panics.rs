@@ -1,8 +1,8 @@
-//! Where an image can panic.
+//! Places where an image can panic.
 //!
-//! Every panic ends in a function of `core`. Whoever branches to one of these, or keeps its address,
-//! is found in the linked image, so what the optimiser proved impossible does not count, and
-//! nothing that is left is missed.
+//! Every panic ends in a function of `core`. Code that branches to one of these, or keeps its address, is found in
+//! the linked image, so branches that the optimiser proved impossible do not count, and none that is left is
+//! missed.
 
 use std::{collections::BTreeMap, fmt, path::Path};
 
@@ -14,7 +14,7 @@ use super::{
     parts::{Crate, crate_of},
 };
 
-/// How names of functions begin that panic whenever they are called.
+/// Beginnings of the names of functions that panic whenever they are called.
 const PANICS: [&str; 9] = [
     "core::panicking::",
     "core::cell::panic_",
@@ -33,12 +33,11 @@ const DEEPEST: usize = 8;
 /// A branch to a panic.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Panic {
-    /// The crate whose code has it: the innermost one but for the language's own library. None if
-    /// nothing tells.
+    /// The crate whose code has it: the innermost one but for the language's own library. None if nothing tells.
     pub(super) krate: Option<Crate>,
-    /// Which panic.
+    /// Kind of panic.
     pub(super) what: String,
-    /// The functions that lead there by being inlined or called, outermost last, with where.
+    /// The functions that lead there by being inlined or called, outermost last, with their places.
     pub(super) place: Vec<String>,
 }
 
@@ -52,7 +51,7 @@ impl fmt::Display for Panic {
     }
 }
 
-/// Whether a function panics whenever it is called.
+/// Returns true if a function panics whenever it is called.
 pub(super) fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|start| name.starts_with(start))
 }
@@ -89,7 +88,7 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
                 for inlined in origins(&lines, &image.functions[&address], at)? {
                     let mut place: Vec<String> = below.clone();
                     place.extend(inlined.places);
-                    // What crates share of the language's library is of whoever calls it.
+                    // Code of the language's library that crates share belongs to its caller.
                     let is_shared = way.len() < DEEPEST
                         && inlined.krate.is_none()
                         && !image.kept.contains(&address)
@@ -123,24 +122,24 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
     Ok(found)
 }
 
-/// Which lines the code of an image is from.
+/// Source lines of the code of an image.
 pub(super) fn lines_of(image: &Image) -> Result<Loader> {
     Loader::new(&image.path).map_err(|error| anyhow!("no debug information: {error}"))
 }
 
-/// What was inlined at an address.
+/// Functions that were inlined at an address.
 #[derive(Default)]
 pub(super) struct Inlined {
-    /// The functions, innermost first, with where.
+    /// The functions, innermost first, with their places.
     pub(super) places: Vec<String>,
     /// The first crate among them.
     krate: Option<Crate>,
-    /// It tells where. What the compiler made of several branches does not.
+    /// True if it has a line. Code that the compiler made of several branches has none.
     has_line: bool,
 }
 
-/// What was inlined where a call of a panic comes from: at the call, or where it was made of several, at
-/// the branches that lead to it.
+/// Functions that were inlined where a call of a panic comes from: at the call, or where it was made of several,
+/// at the branches that lead to it.
 fn origins(lines: &Loader, function: &Function, at: u32) -> Result<Vec<Inlined>> {
     let there = inlined(lines, at, &function.name)?;
     let before = function.jumps.iter().filter(|jump| jump.target <= at);
@@ -195,7 +194,7 @@ pub(super) fn inlined(lines: &Loader, at: u32, function: &str) -> Result<Inlined
     Ok(found)
 }
 
-/// The crate of a type that is dropped: the function is the language's, what it does is the type's.
+/// The crate of a type that is dropped: the function is the language's, its work is the type's.
 fn dropped(function: &str) -> Option<Crate> {
     let of = function.strip_prefix("core::ptr::drop_in_place<")?;
     let (name, _) = of.split_once("::")?;

@@ -1,4 +1,4 @@
-//! Which crates an image is from, byte by byte.
+//! Crates from which an image is made, byte by byte.
 
 use std::collections::BTreeMap;
 
@@ -7,13 +7,14 @@ use anyhow::{Context, Result, anyhow, ensure};
 
 use super::image::Image;
 
-/// What begins with such a path is of the language.
+/// Beginnings of the paths of the language's sources.
 const LANGUAGE: [(&str, &str); 2] = [
     ("/library/compiler-builtins/", "compiler_builtins"),
     ("/library/core/", "core"),
 ];
 
-/// What the documentation tells together; a star stands for any rest. What is in none is the last.
+/// Groups of crates that the documentation tells together; a star stands for any rest. Crates that are in none are
+/// the last.
 const GROUPS: [(&str, &[&str]); 12] = [
     (
         "roles and what surrounds them: `node-firmware`",
@@ -97,9 +98,9 @@ pub(super) fn by_group(parts: &[(String, u64)]) -> Vec<u64> {
     bytes
 }
 
-/// Bytes of the flash by crate, most first, and then what is none's; together they are all. Code belongs
-/// to the innermost crate of what is inlined there, the language's own library left out: a list's `push`
-/// to the list, not to who pushes.
+/// Bytes of the flash by crate, most first, and then those of none; together they are all. Code belongs to the
+/// innermost crate that is inlined there, the language's own library left out: a list's `push` to the list, not to
+/// its caller.
 ///
 /// # Errors
 /// They are not all.
@@ -141,7 +142,7 @@ pub(super) fn by_crate(image: &Image) -> Result<Vec<(String, u64)>> {
     Ok(parts)
 }
 
-/// Which part an instruction is of, or data among code.
+/// Part to which an instruction belongs, or data among code.
 fn part(lines: &Loader, at: u32, function: &str) -> Result<String> {
     let mut frames = lines
         .find_frames(at.into())
@@ -157,7 +158,7 @@ fn part(lines: &Loader, at: u32, function: &str) -> Result<String> {
         let library = LANGUAGE.iter().find(|(path, _)| file.contains(path));
         language = language.or(library.map(|(_, name)| (*name).to_owned()));
     }
-    // Of assembly the name tells.
+    // The name tells the origin of assembly.
     let is_memory = ["mem", "__aeabi_mem"]
         .iter()
         .any(|start| function.starts_with(start));
@@ -171,7 +172,7 @@ fn part(lines: &Loader, at: u32, function: &str) -> Result<String> {
     Ok(language.unwrap_or_else(|| nameless().to_owned()))
 }
 
-/// Where a source file is from.
+/// Origin of a source file.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Crate {
     pub(super) name: String,
@@ -185,7 +186,7 @@ pub(super) fn crate_of(file: &str) -> Option<Crate> {
         return None;
     }
     let (before, after) = file.split_once("/src/")?;
-    // Of a registry the folder of sources is called so, too.
+    // The folder of sources of a registry is called so, too.
     let is_ours = !before.ends_with("registry");
     let (before, _) = if is_ours {
         (before, after)

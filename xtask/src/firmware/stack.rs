@@ -1,10 +1,10 @@
-//! How much stack an image can take, computed from its code.
+//! Most stack that an image can take, computed from its code.
 //!
-//! The deepest chain of calls from the reset, plus the deepest of an interrupt on top of it: all
-//! have the same priority here, so there is one at a time. A function takes what all its pushes
-//! take together, at its deepest or not, so this is an upper bound. Calls through pointers reach what
-//! [`POINTERS`] says, and one that is not listed there is an error. Of a register that was given the
-//! address of a function in the same function, that is known (see [`super::thumb`]).
+//! The deepest chain of calls from the reset, plus the deepest of an interrupt on top of it: all have the same
+//! priority here, so there is one at a time. A function takes what all its pushes take together, at its deepest or
+//! not, so this is an upper bound. Calls through pointers reach what [`POINTERS`] says, and one that is not listed
+//! there is an error. A register that was given the address of a function in the same function is known (see
+//! [`super::thumb`]).
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +15,7 @@ use super::{
     panics::{inlined, is_panic, lines_of},
 };
 
-/// What a call through a pointer can reach.
+/// Functions that a call through a pointer can reach.
 enum Reach {
     /// Functions whose names begin like this, and whose address is kept somewhere.
     Functions(&'static [&'static str]),
@@ -26,7 +26,8 @@ enum Reach {
 /// Wakers are made by the executor of the board only.
 const WAKER: Reach = Reach::Table("embassy_executor::raw::waker::VTABLE");
 
-/// How names of functions begin that call through a pointer, inlined or not, and what they reach.
+/// Beginnings of the names of functions that call through a pointer, inlined or not, and the functions that they
+/// reach.
 const POINTERS: &[(&[&str], Reach)] = &[
     (
         &[
@@ -35,8 +36,8 @@ const POINTERS: &[(&[&str], Reach)] = &[
         ],
         WAKER,
     ),
-    // Nothing formats text but what the panic handler would, and it does not. But the compiler makes one
-    // function of such and of those of wakers, where they are the same code.
+    // Only the panic handler would format text, and it does not. But the compiler makes one function of such and
+    // of those of wakers, where they are the same code.
     (&["core::fmt::", "<core::fmt::"], WAKER),
     (&["embassy_sync::signal::Signal<M,T>::poll_wait"], WAKER),
     // `yield_now`, and a channel, of whose lines none is left.
@@ -88,22 +89,22 @@ const POINTERS: &[(&[&str], Reach)] = &[
     ),
 ];
 
-/// What an interrupt puts on the stack: 26 words with the floating-point registers, and a word to
-/// align it (ARM v7-M Architecture Reference Manual, B1.5.7).
+/// Bytes that an interrupt puts on the stack: 26 words with the floating-point registers, and a word to align it
+/// (ARM v7-M Architecture Reference Manual, B1.5.7).
 const EXCEPTION: u64 = 108;
 
 /// The deepest stack.
 pub(super) struct Worst {
     /// All of it.
     pub(super) bytes: u64,
-    /// The functions of the thread, and what each takes.
+    /// The functions of the thread, and the bytes that each takes.
     pub(super) path: Vec<(String, u32)>,
 }
 
 /// Computes it.
 ///
 /// # Errors
-/// A function calls itself, so there is no bound; or something calls nobody knows what.
+/// A function calls itself, so there is no bound; or a call goes to an unknown function.
 pub(super) fn worst(image: &Image) -> Result<Worst> {
     let mut graph = Graph::new(image)?;
     let Some((&reset, handlers)) = image.vectors.split_first() else {
@@ -122,7 +123,7 @@ pub(super) fn worst(image: &Image) -> Result<Worst> {
 
 struct Graph<'a> {
     image: &'a Image,
-    /// What a function calls through pointers.
+    /// Functions that a function calls through pointers.
     pointed: BTreeMap<u32, BTreeSet<u32>>,
     /// Bytes from there on, and where they go next.
     known: BTreeMap<u32, (u64, Option<u32>)>,
@@ -137,7 +138,7 @@ impl<'a> Graph<'a> {
         for (&address, function) in &image.functions {
             for &at in &function.pointer_calls {
                 let frames = inlined(&lines, at, &function.name)?.places;
-                // The function itself too: what the compiler adds to it is nobody's line.
+                // The function itself too: code that the compiler adds to it has no line.
                 let names = || frames.iter().chain([&function.name]);
                 let rule = POINTERS.iter().find(|(callers, _)| {
                     let is_one =

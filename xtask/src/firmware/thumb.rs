@@ -1,7 +1,7 @@
-//! As much of the Thumb-2 instruction set as tells who calls whom and how much stack it takes
-//! (ARM v7-M Architecture Reference Manual, A5 to A7).
+//! As much of the Thumb-2 instruction set as tells the calls of functions and the stack that they take (ARM v7-M
+//! Architecture Reference Manual, A5 to A7).
 
-/// What an instruction does, as far as it matters here.
+/// Effect of an instruction, as far as it matters here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effect {
     /// Calls, or jumps to, this address.
@@ -12,7 +12,7 @@ pub(super) enum Effect {
     Pushes(u32),
     /// Puts an address, or another constant of 32 bits, in a register.
     Holds(u32),
-    /// Puts what is at this address of the code in a register.
+    /// Puts the word at this address of the code in a register.
     Loads(u32, u32),
 }
 
@@ -68,7 +68,7 @@ impl Decoder {
         }
     }
 
-    /// Calls, or jumps to, what a register holds.
+    /// Calls, or jumps to, the address that a register holds.
     fn through(&self, register: u32) -> Effect {
         match self.constants[register as usize & 0xf] {
             Some(function) => Effect::Goes(function & !1),
@@ -233,7 +233,7 @@ impl Decoder {
                 self.forget(1 << (second >> 12) | 1 << register);
                 None
             }
-            // What computes: with a constant, with a register, and products of two
+            // Instructions that compute: with a constant, with a register, and products of two
             _ if first & 0xf800 == 0xf000 && second & 0x8000 == 0
                 || first & 0xfe00 == 0xea00
                 || first & 0xfe00 == 0xfa00 =>
@@ -324,7 +324,7 @@ mod tests {
         assert_eq!(whole, Some(Effect::Holds(0x1234_5678)));
     }
 
-    /// What a register was given before the call, by its code.
+    /// A register's value from before the call, by its code.
     #[test]
     fn a_call_through_a_register_that_holds_a_constant() {
         let call = [0xb0, 0x47]; // blx r6

@@ -1,4 +1,4 @@
-//! What the chores tell of themselves.
+//! Help texts of the chores.
 
 use crate::place::Place;
 

@@ -12,7 +12,7 @@ use tempfile::TempDir;
 /// A folder of its own, in which programs are found only in `bin`.
 pub(crate) struct Place(TempDir);
 
-/// What a command said.
+/// Output of a command.
 pub(crate) struct Run {
     status: Option<i32>,
     stdout: String,

@@ -1,4 +1,4 @@
-//! What a machine lacks: installed, or told with what to type.
+//! Parts that a machine lacks: installed, or told with the command to type.
 
 use std::fs;
 
@@ -65,7 +65,7 @@ fn without_the_linker_and_without_a_network() {
     place
         .run(&["firmware"])
         .fails(1, "type `cargo install --locked flip-link@");
-    // Installed to where nobody looks.
+    // Installed to a folder that is not in the path.
     note(&place, "cargo");
     place.run(&["firmware"]).fails(1, "put the folder");
     assert!(calls(&place)[0].starts_with("cargo install --locked flip-link@"));
@@ -87,7 +87,7 @@ fn without_packages_and_without_root() {
     place.install("id", "echo 1000");
     let told = format!("type `sudo apt-get install {PACKAGES}`");
     place.run(&["cortex-m"]).fails(1, &told);
-    // A password is asked for where nobody can type it.
+    // A password is asked for where it cannot be typed.
     place.install("sudo", "exit 1");
     place.run(&["cortex-m"]).fails(1, &told);
     assert!(calls(&place).is_empty());
@@ -102,7 +102,7 @@ fn packages_are_installed_where_that_is_allowed() {
     let install = "apt-get install -y --no-install-recommends";
     let missing = PACKAGES.replace("cmake ", "");
     let expected = ["apt-get update".to_owned(), format!("{install} {missing}")];
-    // What then runs is not there.
+    // The program that then runs is not there.
     place.install("id", "echo 0");
     place.run(&["cortex-m"]).fails(1, "cargo");
     assert_eq!(calls(&place), expected);

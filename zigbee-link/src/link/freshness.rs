@@ -13,11 +13,11 @@ const AGAIN: Duration = Duration::from_millis(100);
 const EXPIRY: Duration = Duration::from_secs(2);
 /// Challenges open at a time.
 const CHALLENGES: usize = 8;
-/// A broadcast that nobody can vouch for is asked after at most so often: everybody hears it, and
-/// would ask.
+/// Least time between two challenges after broadcasts that no peer has proven fresh: every node hears a broadcast,
+/// and would ask.
 pub(super) const BROADCAST_AGAIN: Duration = Duration::from_secs(5);
 
-/// What a reply is.
+/// Content of a reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ReplyKind {
     Acknowledgement {
@@ -42,7 +42,7 @@ pub(super) struct Reply {
 }
 
 impl Reply {
-    /// Whether it asks the receiver for proof.
+    /// Returns true if it asks the receiver for proof.
     pub(super) const fn asks(&self) -> bool {
         matches!(
             self.kind,
@@ -64,9 +64,9 @@ struct Open {
 
 /// Challenges that were sent and not answered.
 ///
-/// Anybody can make a node send challenges, by frames from addresses nobody knows, by forged and by
-/// repeated ones. That costs airtime, no more than the frames themselves, and one of a few places for
-/// a short time. A broadcast would make everybody ask: see [`BROADCAST_AGAIN`].
+/// Anybody can make a node send challenges: by frames from unknown addresses, by forged and by repeated ones. That
+/// costs airtime, no more than the frames themselves, and one of a few places for a short time. A broadcast would
+/// make every node ask: see [`BROADCAST_AGAIN`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Challenges {
     open: heapless::Vec<Open, CHALLENGES>,
@@ -79,7 +79,7 @@ impl Challenges {
         self.open.clear();
     }
 
-    /// Whether to ask who sent a broadcast: says so once in a while.
+    /// Returns true if the sender of a broadcast may be asked now, which is once in a while.
     pub(super) fn may_ask_after_broadcast(&mut self, now: Instant) -> bool {
         let may = self.broadcast_from.is_none_or(|from| from <= now);
         if may {
@@ -88,8 +88,8 @@ impl Challenges {
         may
     }
 
-    /// Whether to ask this node now. Only when the table is full of open challenges, or this node
-    /// was asked just now, the answer is no.
+    /// Returns true if this node may be asked now: unless the table is full of open challenges, or this node was
+    /// asked just now.
     pub(super) fn may_ask(&mut self, now: Instant, target: Address) -> bool {
         self.open.retain(|open| now < open.asked + EXPIRY);
         let just_asked = |open: &Open| open.target == target && now < open.asked + AGAIN;
@@ -110,8 +110,8 @@ impl Challenges {
         }
     }
 
-    /// Whether a frame of this node, which repeats `counter`, answers an open challenge. An answer
-    /// counts once.
+    /// Returns true if a frame of this node, which repeats `counter`, answers an open challenge. An answer counts
+    /// once.
     pub(super) fn is_answered(
         &mut self,
         now: Instant,

@@ -64,42 +64,42 @@ use crate::{
 /// integrity code 8.
 pub const MESSAGE_MAX: usize = FRAME_MAX - 9 - 6 - MESSAGE_HEADER - 8;
 
-/// For how long frames under the former key are accepted after a change.
+/// Time for which frames under the former key are accepted after a change.
 pub const KEY_WINDOW: Duration = Duration::from_secs(60);
 
-/// Broadcasts from the extended address after a node has joined. Its short address may have been that
-/// of another one, for which peers would take it: a wrong code of a broadcast makes nobody ask.
+/// Broadcasts from the extended address after a node has joined. Its short address may have been that of another
+/// one, for which peers would take it: a wrong code of a broadcast makes no node ask.
 const INTRODUCTIONS: u8 = 4 * BROADCAST_COPIES;
 
 /// Mean time between two broadcasts of a node that broadcasts. Several are within
 /// [`FRESH_FOR`](crate::security::FRESH_FOR), for some are lost.
 const PRESENCE: Duration = Duration::from_secs(15);
-/// The same where frames were lost lately: with 30 % loss, all of eight are in 7 of 100,000 cases. Who hears
-/// none believes no broadcast before its sender has proven that it is fresh.
+/// The same where frames were lost lately: with 30 % loss, all of eight are lost in 7 of 100,000 cases. A receiver
+/// that hears none believes no broadcast before its sender has proven that it is fresh.
 const PRESENCE_IN_LOSSY_AIR: Duration = Duration::from_millis(7_500);
 /// A repeated message counts as much as two that came at once: with 30 % loss every other one is repeated.
 const LOSS: u8 = 2;
-/// Air in which so much was repeated is lossy, and collisions alone do not make it so.
+/// Measure of losses from which on the air is lossy; collisions alone do not reach it.
 const LOSSY: u8 = 6;
-/// More is forgotten.
+/// Upper limit of the measure of losses: more is forgotten.
 const LOSSES: u8 = 12;
-/// For how long after its last message to all a node says that it is there.
+/// Time for which a node says that it is there, after its last message to all.
 const PRESENT_FOR: Duration = Duration::from_secs(600);
 
-/// When a node says to all that it is there.
+/// Times at which a node says to all that it is there.
 #[derive(Clone, Copy, Debug, Default)]
 struct Presence {
     due: Option<Instant>,
-    /// Not after this.
+    /// Time after which it is said no more.
     until: Option<Instant>,
-    /// For as long as it is attached.
+    /// True if it is said for as long as it is attached.
     always: bool,
 }
 
 /// Replies in the queue.
 const REPLIES: usize = 8;
 
-/// What a [`Link`] counted since its start. Counters stay at their maximum.
+/// Counts of a [`Link`] since its start. Counters stay at their maximum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counts {
@@ -133,7 +133,7 @@ pub struct Incoming {
     pub bytes: heapless::Vec<u8, MESSAGE_MAX>,
 }
 
-/// What a received frame means beyond messages.
+/// Meaning of a received frame beyond messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LinkEvent {
@@ -143,7 +143,7 @@ pub enum LinkEvent {
     Command {
         /// Its sender's extended address.
         from: Eui64,
-        /// What it says, in clear.
+        /// The command, in clear.
         command: MacCommand,
     },
     /// A peer has just proven that its frames are fresh.
@@ -155,7 +155,7 @@ pub enum LinkEvent {
     },
 }
 
-/// What is done for a message to one member.
+/// Effort made for a message to one member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Effort {
@@ -165,7 +165,7 @@ pub enum Effort {
     Once,
 }
 
-/// Where a link is attached: the PAN and the own short address.
+/// Place where a link is attached: the PAN and the own short address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Attachment {
     pan: PanId,
@@ -178,14 +178,14 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     /// Keys, own frame counter and known peers.
     pub session: FrameSecurity<PEERS>,
     attachment: Option<Attachment>,
-    /// Who may hand on the next key; `None`: whoever has the coordinator's address.
+    /// The node that may hand on the next key; `None`: any node that has the coordinator's address.
     authority: Option<Eui64>,
     presence: Presence,
     /// Broadcasts that are still to be sent from the extended address.
     introductions: u8,
     /// Messages to members in a row that came at the first attempt, [`AT_ONCE`] at most.
     at_once: u8,
-    /// What was repeated, [`LOSS`] each, less what came at once, [`LOSSES`] at most.
+    /// Measure of losses: [`LOSS`] for each repetition, less what came at once, [`LOSSES`] at most.
     losses: u8,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
@@ -223,7 +223,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         }
     }
 
-    /// What was counted.
+    /// Returns the counts.
     pub const fn counts(&self) -> Counts {
         self.counts
     }
@@ -234,7 +234,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.attachment = Some(Attachment { pan, short });
     }
 
-    /// Says from now on, for as long as it is attached, that it is there, so that no member has to ask.
+    /// From now on tells the others that it is there, for as long as it is attached, so that no member has to ask.
     pub(crate) const fn stay_present(&mut self) {
         self.presence = Presence {
             due: Some(Instant(0)),
@@ -253,8 +253,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.introductions = INTRODUCTIONS;
     }
 
-    /// Leaves the PAN. Every message on its way is reported as unanswered. Peers stay known, their
-    /// short addresses do not: in the next network they are somebody else's.
+    /// Leaves the PAN. Every message on its way is reported as unanswered. Peers stay known, their short addresses
+    /// do not: in the next network they belong to other nodes.
     pub fn detach(&mut self) {
         self.attachment = None;
         self.presence.due = None;
@@ -379,18 +379,18 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.incoming.pop_front()
     }
 
-    /// Whether [`recv_bytes`](Self::recv_bytes) has something.
+    /// Returns true if [`recv_bytes`](Self::recv_bytes) has something.
     pub fn has_message(&self) -> bool {
         !self.incoming.is_empty()
     }
 
-    /// Whether [`result`](Self::result) has something.
+    /// Returns true if [`result`](Self::result) has something.
     pub fn has_result(&self) -> bool {
         self.outgoing.iter().any(Outgoing::is_settled_message)
     }
 
-    /// The result of any message, once. Its place in the queue is free then. Keys that are handed
-    /// on are no messages: whoever sent them waits for just theirs.
+    /// The result of any message, once. Its place in the queue is free then. Keys that are handed on are no
+    /// messages: their sender waits for just theirs.
     pub fn result(&mut self) -> Option<(Ticket, Delivery)> {
         let settled = self.outgoing.take(Outgoing::is_settled_message)?;
         Some((settled.ticket, settled.result?))
@@ -433,7 +433,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let _ = self.replies.put(reply);
     }
 
-    /// When to call [`poll_transmit`](Self::poll_transmit) next, unless something else happens.
+    /// Time to call [`poll_transmit`](Self::poll_transmit) next, unless something else happens.
     pub fn deadline(&self) -> Option<Instant> {
         let replies = self.replies.iter().map(|reply| reply.due);
         let outgoing = self
@@ -445,7 +445,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         replies.chain(outgoing).chain(presence).min()
     }
 
-    /// Whether a message waits, and no earlier one to the same destination does.
+    /// Returns true if a message waits, and no earlier one to the same destination does.
     fn is_next(&self, outgoing: &Outgoing) -> bool {
         outgoing.is_waiting() && !self.outgoing.iter().any(|other| other.is_before(outgoing))
     }
@@ -502,7 +502,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             ReplyKind::Acknowledgement { counter } => {
                 (Address::Short(short), Packet::Acknowledgement { counter })
             }
-            // From the extended address, which gives the nonce to who knows nobody.
+            // From the extended address, which gives the nonce to a node that knows no other.
             ReplyKind::Challenge { .. } => (self.own_extended(), Packet::Challenge),
             ReplyKind::Response {
                 counter,
@@ -594,7 +594,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.jitter.around(mean)
     }
 
-    /// How often a broadcast is sent, as the air has been lately.
+    /// Transmissions of a broadcast, as the air has been lately.
     const fn copies(&self) -> u8 {
         if self.introductions == 0 && self.at_once >= AT_ONCE {
             1
@@ -643,7 +643,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
 
 #[cfg(feature = "defmt")]
 impl<const PEERS: usize, const QUEUE: usize> defmt::Format for Link<PEERS, QUEUE> {
-    /// Where it is attached, and what it counted: the queues would fill the log.
+    /// The attachment and the counts: the queues would fill the log.
     fn format(&self, f: defmt::Formatter<'_>) {
         defmt::write!(
             f,

@@ -8,10 +8,10 @@ use crate::{Instant, jitter::Jitter, wire::ShortAddress};
 /// Transmissions of a unicast message, challenges to a stranger included, before it counts as
 /// unanswered.
 pub const ATTEMPTS: u8 = 10;
-/// Most transmissions of a broadcast, which nobody acknowledges. One is enough where the last
-/// messages to members all came at the first attempt.
+/// Most transmissions of a broadcast, which is not acknowledged. One is enough where the last messages to members
+/// all came at the first attempt.
 pub const BROADCAST_COPIES: u8 = 2;
-/// So many messages.
+/// Messages in a row that must come at the first attempt before one transmission is enough.
 pub(super) const AT_ONCE: u8 = 7;
 /// Mean wait after the first attempt; doubled after each, up to [`RETRY_MAX`]. A unicast of 100
 /// bytes and its acknowledgement take about 7 ms of airtime.
@@ -24,20 +24,20 @@ pub const RETRY_MAX: Duration = Duration::from_millis(960);
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Ticket(pub(super) u16);
 
-/// What became of a message.
+/// Result of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
 pub enum Delivery {
     /// The receiver has it, and said so.
     Delivered,
-    /// Nobody answered. The receiver may have it all the same: the answers may have been lost.
+    /// No answer came. The receiver may have it all the same: the answers may have been lost.
     NoAnswer,
-    /// A broadcast, or a unicast that is sent once. Who has it, nobody knows.
+    /// A broadcast, or a unicast that is sent once. It is not known which nodes have it.
     Broadcast,
 }
 
-/// Why a message was not taken for sending.
+/// Reason why a message was not taken for sending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SendError {
@@ -48,7 +48,7 @@ pub enum SendError {
     QueueFull,
     /// More than [`MESSAGE_MAX`] bytes, or not serialisable.
     TooLong,
-    /// The address is this node's own, or nobody's.
+    /// The address is this node's own, or not that of a device.
     Destination,
 }
 
@@ -58,7 +58,7 @@ impl fmt::Display for SendError {
             Self::NotJoined => "the node belongs to no network: wait until it has joined",
             Self::QueueFull => "too many messages are on their way: wait for a result",
             Self::TooLong => "the message is too long for one frame",
-            Self::Destination => "the address is the own one or nobody's",
+            Self::Destination => "the address is the own one or no node's",
         })
     }
 }
@@ -84,19 +84,19 @@ impl Outgoing {
         self.result.is_none()
     }
 
-    /// Whether the application may have the result.
+    /// Returns true if the application may have the result.
     pub(super) fn is_settled_message(&self) -> bool {
         !self.is_waiting() && self.kind != Kind::Control
     }
 
-    /// Whether this message has to be settled before another to the same destination is sent.
+    /// Returns true if this message has to be settled before another to the same destination is sent.
     pub(super) const fn is_before(&self, other: &Self) -> bool {
         // Numbers wrap around; all in a queue are close together.
         let age = other.ticket.0.wrapping_sub(self.ticket.0);
         self.is_waiting() && self.destination.0 == other.destination.0 && 0 < age && age < 1 << 15
     }
 
-    /// Takes note of an attempt. Of a broadcast there are so many copies.
+    /// Takes note of an attempt, of which a broadcast has so many copies.
     pub(super) fn attempted(&mut self, now: Instant, jitter: &mut Jitter, copies: u8) {
         self.due = now + jitter.backoff(RETRY_FIRST, RETRY_MAX, self.attempts);
         self.attempts += 1;
@@ -114,7 +114,7 @@ impl Outgoing {
         }
     }
 
-    /// Whether an answer to the frame with this counter is one to this message.
+    /// Returns true if an answer to the frame with this counter is one to this message.
     pub(super) fn is_answered_by(&self, counter: u32) -> bool {
         self.counters
             .is_some_and(|(first, last)| first <= counter && counter <= last)

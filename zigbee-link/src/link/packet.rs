@@ -1,4 +1,4 @@
-//! What is inside a secured data frame.
+//! Content of a secured data frame.
 //!
 //! | byte 0 | then |
 //! |---|---|
@@ -9,12 +9,12 @@
 //! | `5` challenge | |
 //! | `6` response | flags, own short address u16, counter of the challenge u32 |
 //! | `7` presence | |
-//! | `8` unicast message that nobody acknowledges | age, message |
+//! | `8` unicast message that is not acknowledged | age, message |
 //!
 //! The high half of byte 0 is the [`VERSION`], the low half the kind. Numbers are little-endian.
-//! The *age* of a message is how many frame counters ago it was sent for the first time, so that
-//! the frame's counter minus its age numbers the message: no two messages of a node, ever, have
-//! the same number, restarts included.
+//! The *age* of a message is the number of frame counters since it was sent for the first time, so that the
+//! frame's counter minus its age numbers the message: no two messages of a node ever have the same number,
+//! restarts included.
 
 use crate::{
     security::Key,
@@ -24,7 +24,7 @@ use crate::{
 /// Version of everything inside a secured data frame.
 pub const VERSION: u8 = 1;
 
-/// How a message is delivered.
+/// Way in which a message is delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(super) enum Kind {

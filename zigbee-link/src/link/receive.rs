@@ -15,7 +15,7 @@ use crate::{
     wire::{Address, Eui64, FrameType, MacCommand, Malformed, PanId, Panned, ShortAddress},
 };
 
-/// Those who ask after a broadcast do so within this time.
+/// Receivers of a broadcast that ask after it do so within this time.
 const BROADCAST_SPREAD: Duration = Duration::from_millis(20);
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
@@ -32,9 +32,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             Err(refused) => {
                 count(&mut self.counts.refused);
                 debug!("refused: {}", refused);
-                // A wrong code or an old counter: the address may be somebody else's meanwhile. If it
-                // is, that one speaks to this node sooner or later. Everybody would ask after a
-                // broadcast.
+                // A wrong code or an old counter: the address may meanwhile belong to another node. If it does,
+                // that node speaks to this one sooner or later. Every node would ask after a broadcast.
                 let is_in_doubt = match refused {
                     Refused::UnknownShort(_) => true,
                     Refused::Mic | Refused::Replayed => !broadcast,
@@ -60,8 +59,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         })
     }
 
-    /// Asks whoever sent a frame to prove that it is fresh. Everybody hears a broadcast at once, and
-    /// would ask at once, and again and again.
+    /// Asks the sender of a frame to prove that it is fresh. Every node hears a broadcast at once, and would ask
+    /// at once, and again and again.
     fn ask_sender(&mut self, now: Instant, broadcast: bool, sender: Address) {
         if !broadcast {
             self.challenge(now, sender);
@@ -71,7 +70,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         }
     }
 
-    /// Whether a frame is for this node, and whether for all.
+    /// Returns `None` if a frame is not for this node; otherwise, true if it is for all.
     fn is_for_us(&self, destination: Panned) -> Option<bool> {
         let attachment = self.attachment?;
         if ![attachment.pan, PanId::BROADCAST].contains(&destination.pan?) {
@@ -85,8 +84,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         }
     }
 
-    /// A peer speaks the next key, in other words than a challenge: everybody has it. Only the
-    /// coordinator knows that first, and follows nobody.
+    /// A peer speaks the next key, in other words than a challenge: every member has it. Only the coordinator
+    /// knows that first, and follows no other node.
     fn follow_key(&mut self, now: Instant, index: u8) {
         let is_next = |next: Key| next.index() == index;
         if self.session.keys.next().is_some_and(is_next)
@@ -164,8 +163,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             (Packet::Challenge, sender) => {
                 let to = Address::Extended(extended);
                 let challenges = matches!(sender, Sender::Stranger(_));
-                // An old challenge can be replayed as often as one likes, so strangers get answers
-                // only as often as they are asked.
+                // An old challenge can be replayed without limit, so strangers get answers only as often as they
+                // are asked.
                 if !challenges || self.challenges.may_ask(now, to) {
                     let kind = ReplyKind::Response {
                         counter: opened.counter,
@@ -215,7 +214,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         }
     }
 
-    /// Takes in a message of a peer. Whether to acknowledge it: it is in the queue, or was before.
+    /// Takes in a message of a peer. Returns true if it is to be acknowledged: it is in the queue, or was before.
     fn accept(
         &mut self,
         kind: Kind,
@@ -237,7 +236,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             return Ok(*last == Some(number));
         }
         if kind == Kind::Control {
-            // Its short address is what a peer says of itself.
+            // A peer reports its own short address, which need not be true.
             let is_authority = self.authority.is_none_or(|authority| authority == extended);
             if peer.short != ShortAddress::COORDINATOR || !is_authority {
                 return Err(Malformed::Reserved);

@@ -59,7 +59,7 @@ impl Aether {
         }
     }
 
-    /// Lets one node send what is due. Whether it did.
+    /// Lets one node send what is due. Returns true if it did.
     fn transmit(&mut self, from: usize) -> bool {
         let mut buffer = [0; FRAME_MAX];
         let Some(len) = self.nodes[from].poll_transmit(self.now, &mut buffer) else {
@@ -116,7 +116,7 @@ fn bytes_on_air_of_a_message_of_20() {
     assert_eq!(on_air, [53, 36]);
 }
 
-/// One frame, nobody answers, and it comes at most once; to a stranger after a challenge, as others.
+/// One frame without acknowledgement, which comes at most once; to a stranger after a challenge, as others.
 #[test]
 fn what_is_sent_once_is_not_acknowledged() {
     let mut aether = Aether::new(2, 0.0, 0);
@@ -208,8 +208,8 @@ fn a_message_arrives_once_and_its_sender_knows() {
     assert_eq!(aether.nodes[0].result_of(ticket), None);
 }
 
-/// An acknowledgement is of the frame whose counter it repeats, not of whatever waits for one.
-/// Whatever place in the queue becomes free, and when the numbers of tickets wrap around.
+/// An acknowledgement is for the frame whose counter it repeats, not for any message that waits for one. The order
+/// is kept whichever place in the queue becomes free, and when the numbers of tickets wrap around.
 #[test]
 fn messages_to_one_receiver_keep_their_order() {
     let mut aether = Aether::new(2, 0.3, 11);
@@ -403,9 +403,8 @@ fn restarts_of_either_side() {
     }
 }
 
-/// What a restarted node, which knows nobody, does when the attacker replays everything and forges
-/// more: it asks, and believes nothing but true answers. As many frames as `ZIGBEE_LINK_FORGERIES`
-/// says, or 20,000.
+/// A restarted node knows no other. When the attacker replays everything and forges more, it asks, and believes
+/// only true answers. It gets as many frames as `ZIGBEE_LINK_FORGERIES` says, or 20,000.
 #[test]
 fn replays_to_a_restarted_node() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -471,7 +470,7 @@ fn replayed_challenges_cost_little() {
     assert!((1..=50).contains(&sent), "{sent} frames in 10 s");
 }
 
-/// What one forged or repeated broadcast, and many, make everybody send.
+/// Frames that one forged or repeated broadcast, and many of them, make every node send.
 #[test]
 fn broadcasts_that_nobody_vouches_for_make_few_ask() {
     const MEMBERS: usize = 31;
@@ -483,7 +482,7 @@ fn broadcasts_that_nobody_vouches_for_make_few_ask() {
     let genuine = aether.heard[0].clone();
     let mut forged = genuine.clone();
     *forged.last_mut().unwrap() ^= 1;
-    // Of a member that all know, and of an address that nobody has.
+    // Of a member that all know, and of an address that no node has.
     let mut unknown = forged.clone();
     unknown[7] = 77;
     for (frame, knows, most) in [
@@ -519,8 +518,8 @@ fn broadcasts_that_nobody_vouches_for_make_few_ask() {
     }
 }
 
-/// Somebody with the key speaks in a member's name, with a counter far ahead. The member proves that it
-/// is the one, and is heard again.
+/// A node with the key speaks in a member's name, with a counter far ahead. The member proves that it is the one,
+/// and is heard again.
 #[test]
 fn a_counter_far_ahead_mutes_nobody_for_long() {
     for ahead in [2_000, u32::MAX - 2_000_000] {
@@ -580,7 +579,7 @@ fn whoever_has_an_address_now_is_asked_who_it_is() {
     }
 }
 
-/// Who asks under the next key has not heard that it is in use, and nobody takes it for that.
+/// A node that asks under the next key has not heard that it is in use; no node takes it for that.
 #[test]
 fn nobody_follows_a_challenge() {
     let mut aether = Aether::new(3, 0.0, 0);
@@ -597,7 +596,7 @@ fn nobody_follows_a_challenge() {
     for node in &aether.nodes {
         assert_eq!(node.session.keys.active(), key(1));
     }
-    // The coordinator does not follow anybody.
+    // The coordinator follows no other node.
     let now = aether.now;
     aether.nodes[1].activate_key(2, now).unwrap();
     aether.nodes[1].send(now, short(0), &1_u8).unwrap();
@@ -673,7 +672,7 @@ fn challenges_are_few_and_not_repeated_at_once() {
     assert!(!challenges.may_ask(Instant(1_999_999), target(9)));
     assert!(challenges.may_ask(at(2000), target(9)));
     challenges.asked(at(2000), target(9), 19);
-    // What has to be asked takes the place of the oldest.
+    // A target that has to be asked takes the place of the oldest.
     challenges.asked(at(2000), target(10), 20);
     let mut is_answered = |n: u16, counter| {
         let extended = Eui64([2, 0, 0, 0, 0, 0, 0, 9]);
@@ -686,7 +685,7 @@ fn challenges_are_few_and_not_repeated_at_once() {
     assert!(is_answered(4, 14) && is_answered(10, 20));
 }
 
-/// Twice, and nobody answers: all would at once.
+/// A broadcast is sent twice and not acknowledged: all receivers would answer at once.
 #[test]
 fn a_broadcast_is_sent_twice_and_not_acknowledged() {
     let mut aether = acquainted();
@@ -750,7 +749,7 @@ fn whoever_finds_no_place_in_the_table_is_not_heard() {
     assert!(aether.nodes[0].counts().table_full > 0);
 }
 
-/// The age of a repetition has one byte: nobody takes an old message for a new one.
+/// The age of a repetition has one byte: an old message is not taken for a new one.
 #[test]
 fn a_message_is_given_up_before_its_age_overflows() {
     for (frames, is_repeated) in [(254, true), (255, false)] {
@@ -780,7 +779,7 @@ fn only_the_coordinator_hands_on_keys() {
     aether.run();
     assert_eq!(aether.nodes[2].session.keys.next(), None);
     assert!(!aether.nodes[2].take_keys_changed());
-    // It is not acknowledged either, and whoever sent it knows.
+    // It is not acknowledged either, and its sender knows.
     let result = aether.nodes[1].result_of(ticket.unwrap());
     assert_eq!(result, Some(Delivery::NoAnswer));
     assert_eq!(
@@ -789,7 +788,7 @@ fn only_the_coordinator_hands_on_keys() {
     );
 }
 
-/// Who answers late may have kept the challenge back, or been kept from answering.
+/// A node that answers late may have kept the challenge back, or been kept from answering.
 #[test]
 fn an_answer_after_two_seconds_is_none() {
     for (late, is_fresh) in [(1_999_999, true), (2_000_000, false)] {

@@ -45,8 +45,8 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     members: [Option<Member>; MEMBERS],
     /// Places that are to be written down.
     unsaved: DirtySet<{ MEMBERS_MAX.div_ceil(32) }>,
-    /// The address given last. They are given in turn: whoever had one may not have heard yet that
-    /// it is no longer a member.
+    /// The address given last. Addresses are given in turn: the former owner of one may not have heard yet that it
+    /// is no longer a member.
     last: ShortAddress,
     /// Numbers of devices.
     allowed: heapless::Vec<u16, MEMBERS>,
@@ -54,9 +54,9 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     rotation: Option<Rotation>,
     /// The key in use, on its way to a member that missed the change.
     handing_over: Option<(Ticket, Eui64)>,
-    /// A member was sent away since the last change of key: the former key serves nobody.
+    /// A member was sent away since the last change of key: the former key is of no more use.
     shuts_out: bool,
-    /// When a beacon of another network with the same identifier was last heard.
+    /// Time when a beacon of another network with the same identifier was last heard.
     last_conflict: Option<Instant>,
     /// The identifier to change to once it is announced.
     realignment: Option<PanId>,
@@ -77,7 +77,7 @@ struct Rotation {
     /// The place in the table to serve next.
     place: usize,
     ticket: Option<Ticket>,
-    /// Whose the ticket is.
+    /// The member that the ticket is for.
     asked: Option<Eui64>,
 }
 
@@ -97,7 +97,7 @@ pub struct KeyChange {
 }
 
 impl<const MEMBERS: usize> Coordinator<MEMBERS> {
-    /// Of this network, or, without one, about to look for a free place for its own.
+    /// A coordinator of this network, or, without one, about to look for a free place for its own.
     // for less stack
     #[inline(always)]
     pub(super) fn new(
@@ -147,7 +147,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.members.iter().copied().flatten()
     }
 
-    /// When to [`poll`](Self::poll) or to send a beacon.
+    /// Time to [`poll`](Self::poll) or to send a beacon.
     pub(super) fn deadline(&self) -> Option<Instant> {
         match &self.state {
             State::Scanning(scan) => Some(scan.until()),
@@ -155,7 +155,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         }
     }
 
-    /// How the radio should be configured now; `None` for as it is.
+    /// Configuration of the radio now; `None` for as it is.
     pub(super) fn radio(&self, common: &Common) -> Option<RadioConfig> {
         Some(match &self.state {
             State::Scanning(scan) => common.nowhere(scan.channel()?),
@@ -230,7 +230,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             ticket: None,
             asked: None,
         });
-        // Those who missed the change before have a key that will be unknown.
+        // Members that missed the change before have a key that will be unknown.
         link.session.abandon_late();
         if let Some((ticket, _)) = self.handing_over.take() {
             link.withdraw(ticket);
@@ -285,7 +285,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             }
         } else {
             rotation.change.is_done = true;
-            // Not installed: whoever owns the node installed or used another meanwhile.
+            // Not installed: the owner of the node installed or used another meanwhile.
             let _ = link.activate_key(rotation.change.index, now);
             if core::mem::take(&mut self.shuts_out) {
                 link.session.abandon_late();
@@ -352,13 +352,13 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         }
     }
 
-    /// When another network with the same identifier was last heard.
+    /// Time when another network with the same identifier was last heard.
     pub(super) const fn last_conflict(&self) -> Option<Instant> {
         self.last_conflict
     }
 
-    /// Takes another identifier, and announces it. Whether the network runs, and no other change is
-    /// under way.
+    /// Takes another identifier, and announces it. Returns true if the network runs, and no other change is under
+    /// way.
     pub(super) fn change_pan(&mut self, now: Instant, common: &mut Common) -> bool {
         let State::Running(network) = self.state else {
             return false;
@@ -381,13 +381,13 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         true
     }
 
-    /// Somebody looks for networks.
+    /// A device looks for networks.
     pub(super) fn on_beacon_request(&mut self, now: Instant, common: &mut Common) {
         let due = now + common.jitter.up_to(BEACON_WAIT);
         self.beacon_due.get_or_insert(due);
     }
 
-    /// Whether a beacon is to be sent now; what it says of the network.
+    /// Returns the content of a beacon if one is to be sent now.
     pub(super) fn take_beacon(&mut self, now: Instant) -> Option<Invitation> {
         let State::Running(network) = self.state else {
             return None;
@@ -436,8 +436,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         }
     }
 
-    /// Somebody is there, and says which address it has. If nobody has that, it missed that it was
-    /// sent away.
+    /// A device is there, and says which address it has. If no member has that, it missed that it was sent away.
     fn on_presented<const PEERS: usize, const QUEUE: usize>(
         &self,
         now: Instant,
@@ -489,7 +488,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         common.command(now, Address::Extended(device), command);
     }
 
-    /// Sends a member away. Whether it was one.
+    /// Sends a member away. Returns true if it was one.
     pub(super) fn remove<const PEERS: usize, const QUEUE: usize>(
         &mut self,
         now: Instant,
@@ -530,12 +529,12 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.members.iter().all(Option::is_some)
     }
 
-    /// Whether a beacon should invite devices.
+    /// Returns true if a beacon should invite devices.
     fn invites(&self, now: Instant) -> bool {
         self.admits_anybody(now) || !self.allowed.is_empty()
     }
 
-    /// Decides on a device. What changes has to be written down before it is told.
+    /// Decides on a device. A change has to be written down before it is told.
     fn admit(&mut self, now: Instant, device: Eui64) -> Association {
         let refuse = |status| Association {
             short: ShortAddress::BROADCAST,
@@ -549,7 +548,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         if let Some(member) = known.clone().find(|member| member.extended == device) {
             return welcome(member.short);
         }
-        // Erased, it has forgotten its address, but not whose number it has.
+        // Erased, it has forgotten its address, but not its number.
         let mut places = self.members.iter_mut().enumerate();
         let same = places.find_map(|(number, place)| {
             Some((number, place.as_mut()?))
@@ -581,7 +580,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         welcome(short)
     }
 
-    /// Takes a member out of the table. Whether it was one.
+    /// Takes a member out of the table. Returns true if it was one.
     fn strike_off(&mut self, device: Eui64) -> bool {
         let is_it = |member: &Member| member.extended == device;
         let mut places = self.members.iter_mut().enumerate();
@@ -608,14 +607,14 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
     }
 }
 
-/// What a beacon says.
+/// Content of a beacon.
 pub(super) struct Invitation {
     pub pan: PanId,
     pub is_full: bool,
     pub admits: bool,
 }
 
-/// Where the network is, or will be, for one member or, without address, for all.
+/// Place of the network, present or future, for one member or, without address, for all.
 const fn realignment(pan: PanId, channel: Channel, short: ShortAddress) -> MacCommand {
     MacCommand::CoordinatorRealignment {
         pan,
@@ -626,8 +625,8 @@ const fn realignment(pan: PanId, channel: Channel, short: ShortAddress) -> MacCo
     }
 }
 
-/// Sends a device away. Nobody acknowledges that, so the device is a stranger from now on: when it
-/// is next heard it has to present itself, and is told again.
+/// Sends a device away. That is not acknowledged, so the device is a stranger from now on: when it is next heard
+/// it has to present itself, and is told again.
 fn dismiss<const PEERS: usize, const QUEUE: usize>(
     now: Instant,
     device: Eui64,
@@ -698,7 +697,7 @@ mod tests {
 
     #[test]
     fn an_address_is_one_members_only() {
-        // After the last address comes the first, which somebody has.
+        // After the last address comes the first, which a member has.
         let (mut coordinator, ..) = running([Some(1), Some(0xFFFD), None]);
         coordinator.open_window(NOW, Duration::from_secs(1));
         let association = coordinator.admit(NOW, Eui64([7; 8]));

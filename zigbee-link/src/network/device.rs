@@ -110,7 +110,7 @@ impl Device {
         self.home
     }
 
-    /// When to [`poll`](Self::poll).
+    /// Time to [`poll`](Self::poll).
     pub(super) fn deadline(&self) -> Option<Instant> {
         match self.state {
             State::Out => None,
@@ -121,7 +121,7 @@ impl Device {
         }
     }
 
-    /// How the radio should be configured now; `None` for as it is.
+    /// Configuration of the radio now; `None` for as it is.
     pub(super) fn radio(&self, common: &Common) -> Option<RadioConfig> {
         match &self.state {
             State::Out | State::Pausing(_) => None,
@@ -217,7 +217,7 @@ impl Device {
         self.state = State::Scanning;
     }
 
-    /// Looks for a network that is heard better than its own. Whether it belongs to one.
+    /// Looks for a network that is heard better than its own. Returns true if it belongs to one.
     pub(super) fn roam<const PEERS: usize, const QUEUE: usize>(
         &mut self,
         link: &mut Link<PEERS, QUEUE>,
@@ -350,7 +350,7 @@ impl Device {
         }
     }
 
-    /// What its coordinator says, present or future. Nobody else has a say.
+    /// A command of its coordinator, present or future. No other node has a say.
     fn on_command<const PEERS: usize, const QUEUE: usize>(
         &mut self,
         now: Instant,
@@ -484,7 +484,7 @@ mod tests {
             panic!("{:?}", device.status());
         };
         assert_eq!((network.pan, network.short), (FOUND.pan, ShortAddress(5)));
-        // An address that is nobody's is no admission.
+        // An address of no device is no admission.
         for nobody in [0xFFFE, 0xFFFF] {
             let (mut device, mut link, mut common) = joining();
             device.on_event(NOW, admitted(COORDINATOR, nobody), &mut link, &mut common);

@@ -13,11 +13,10 @@
 //! a new one: it takes the member's place, with the same short address. Two devices with one number
 //! would go on taking it from each other.
 //!
-//! A member that is [removed](Node::remove) is told so once. If it misses that, it is told again as
-//! soon as it has to prove itself to the coordinator, which it has to with its next frame, at the
-//! latest when it asks whether the coordinator is there. Meanwhile nobody else gets its address:
-//! addresses are given in turn, after a restart of the coordinator from behind the highest one in
-//! the table.
+//! A member that is [removed](Node::remove) is told so once. If it misses that, it is told again as soon as it has
+//! to prove itself to the coordinator, which it has to with its next frame, at the latest when it asks whether the
+//! coordinator is there. Meanwhile no other device gets its address: addresses are given in turn, after a restart
+//! of the coordinator from behind the highest one in the table.
 //!
 //! # Device
 //! It scans, and tries the networks it heard, its former one first. Joining is authenticated both
@@ -38,7 +37,7 @@
 //! authentic. Beacons can be forged, so no network moves by itself: a coordinator
 //! [remembers](Node::last_conflict) that it heard another one, and [takes another
 //! identifier](Node::change_pan) when a person wants that. It announces it by a secured coordinator
-//! realignment; who misses that, rejoins.
+//! realignment; a member that misses that rejoins.
 
 mod coordinator;
 mod device;
@@ -77,7 +76,7 @@ const COMMANDS: usize = 8;
 /// Every device of every network.
 const EVERYBODY: Panned = Panned::new(PanId::BROADCAST, Address::Short(ShortAddress::BROADCAST));
 
-/// What a node is built for.
+/// Settings of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NetworkSettings {
@@ -87,13 +86,13 @@ pub struct NetworkSettings {
     pub channels: Channels,
     /// Transmit power, dBm.
     pub tx_power: i8,
-    /// How frames are secured.
+    /// Protection of frames.
     pub protection: Protection,
     /// Spreads waiting times and chooses PAN identifiers; should differ between nodes and restarts.
     pub seed: u64,
 }
 
-/// What is to be done, in this order, before anything else is asked.
+/// Something to do, in this order, before anything else is asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
@@ -106,7 +105,7 @@ pub enum Action {
     Transmit(usize),
 }
 
-/// Where a node stands.
+/// State of a node in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NetworkStatus {
@@ -118,9 +117,9 @@ pub enum NetworkStatus {
     Joined(Membership),
 }
 
-/// Facts of every node that are to be written down, in this order, for power may go after each. Once
-/// another key is in use, members that missed it have only the former one; without a next key, the key in
-/// use is the one that was next. What they are now, the node knows.
+/// Facts of every node that are to be written down, in this order, for power may go after each. Once another key
+/// is in use, members that missed it have only the former one; without a next key, the key in use is the one that
+/// was next. The node knows their present values.
 const FACT_FORMER_KEY: usize = 0;
 const FACT_ACTIVE_KEY: usize = 1;
 const FACT_NEXT_KEY: usize = 2;
@@ -133,12 +132,12 @@ enum Role<const MEMBERS: usize> {
     Device(Device),
 }
 
-/// What both parts work with, beside the link.
+/// Things that both parts work with, beside the link.
 #[derive(Debug)]
 struct Common {
     settings: NetworkSettings,
     commands: Slots<Outbound, COMMANDS>,
-    /// Members apart, of which only a coordinator knows.
+    /// Facts to write down, except members, of which only a coordinator knows.
     unsaved: DirtySet<1>,
     beacon_request_due: bool,
     jitter: Jitter,
@@ -206,14 +205,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             let _ = session.keys.install(next);
         }
         if let (Some(former), Role::Coordinator(coordinator)) = (saved.former_key, &role) {
-            // Who has missed the change is not written down: all may have, until they are heard.
+            // The members that missed the change are not written down: any may have, until they are heard.
             session.keys.recall(former);
             for member in coordinator.members() {
                 session.await_late(member.extended);
             }
         }
         let mut link = Link::new(session, settings.seed);
-        // A coordinator obeys nobody.
+        // A coordinator obeys no other node.
         link.obey(settings.extended);
         if let Some(network) = saved.network {
             link.attach(network.pan, network.short);
@@ -230,7 +229,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// Where the node stands.
+    /// Returns the node's place in the network.
     pub fn status(&self) -> NetworkStatus {
         match &self.role {
             Role::Coordinator(coordinator) => coordinator.status(),
@@ -271,9 +270,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// Sends a member away; a device that does not hear it is told again when it is next heard.
-    /// Whether it was a member. It may come back if it is on the allow-list or a window is open; to
-    /// keep out a captured node, [change the key](Self::change_key) for all others.
+    /// Sends a member away; a device that does not hear it is told again when it is next heard. Returns true if it
+    /// was a member. It may come back if it is on the allow-list or a window is open; to keep out a captured node,
+    /// [change the key](Self::change_key) for all others.
     pub fn remove(&mut self, now: Instant, device: Eui64) -> bool {
         match self.role.coordinator_mut() {
             Some(coordinator) => coordinator.remove(now, device, &mut self.link, &mut self.common),
@@ -312,9 +311,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         coordinator.change_key(next, &mut self.link, &mut self.common)
     }
 
-    /// Looks whether another network of the site is heard better than its own, and goes over to it if
-    /// so. Meanwhile this device is in none. Whether that begins: not while it looks for one already,
-    /// nor on a coordinator.
+    /// Looks whether another network of the site is heard better than its own, and goes over to it if so.
+    /// Meanwhile this device is in none. Returns true if that begins: not while it looks for one already, nor on a
+    /// coordinator.
     pub fn roam(&mut self) -> bool {
         match &mut self.role {
             Role::Coordinator(_) => false,
@@ -322,14 +321,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// When this coordinator last heard a beacon of another network with its identifier. Beacons can
-    /// be forged.
+    /// Time when this coordinator last heard a beacon of another network with its identifier. Beacons can be
+    /// forged.
     pub fn last_conflict(&self) -> Option<Instant> {
         self.role.coordinator()?.last_conflict()
     }
 
-    /// Takes another PAN identifier, and tells all members. Whether that begins: not while the
-    /// network does not run or is being moved, nor on a device.
+    /// Takes another PAN identifier, and tells all members. Returns true if that begins: not while the network
+    /// does not run or is being moved, nor on a device.
     pub fn change_pan(&mut self, now: Instant) -> bool {
         match self.role.coordinator_mut() {
             Some(coordinator) => coordinator.change_pan(now, &mut self.common),
@@ -337,7 +336,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// How the last change of key since the start goes. `None` without one, and for a device.
+    /// Progress of the last change of key since the start. `None` without one, and for a device.
     pub fn key_change(&self) -> Option<KeyChange> {
         let change = self.role.coordinator()?.key_change()?;
         Some(match change.is_done {
@@ -354,7 +353,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         if let Record::CounterLimit(limit) = record {
             return self.link.session.counter.reserved(limit);
         }
-        // What changed meanwhile has to be written again.
+        // A record that changed meanwhile has to be written again.
         if self.unsaved() != Some(record) {
             return;
         }
@@ -398,7 +397,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// When to call [`poll`](Self::poll) next, unless something else happens.
+    /// Time to call [`poll`](Self::poll) next, unless something else happens.
     pub fn deadline(&self) -> Option<Instant> {
         let own = match &self.role {
             Role::Coordinator(coordinator) => coordinator.deadline(),
@@ -412,7 +411,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             .min()
     }
 
-    /// What to do next. Call it until it returns `None` and the deadline is not past, then again at
+    /// The next action. Call it until it returns `None` and the deadline is not past, then again at
     /// the [`deadline`](Self::deadline), after each received frame and after each call of another
     /// method.
     pub fn poll(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<Action> {
@@ -442,7 +441,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         self.transmit(now, buffer).map(Action::Transmit)
     }
 
-    /// How the radio should be configured now; `None` for as it is.
+    /// Configuration of the radio now; `None` for as it is.
     fn config(&self) -> Option<RadioConfig> {
         match &self.role {
             Role::Coordinator(coordinator) => Some(RadioConfig {
@@ -510,7 +509,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         let Some(config) = self.configured else {
             return;
         };
-        // Most of what is heard is secured and for somebody else, which the link sees at once.
+        // Most frames heard are secured and for another node, which the link sees at once.
         if !is_secured(frame) && self.handle_open(now, frame, config.channel, strength) {
             return;
         }
@@ -528,7 +527,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// Beacons and beacon requests, which are not secured. Whether it was one, or no frame.
+    /// Beacons and beacon requests, which are not secured. Returns true if it was one, or no frame.
     fn handle_open(&mut self, now: Instant, bytes: &[u8], channel: Channel, strength: u8) -> bool {
         let Ok(frame) = Frame::parse(bytes) else {
             return true;
@@ -559,7 +558,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
 }
 
 impl<const MEMBERS: usize> Role<MEMBERS> {
-    /// What only a coordinator does. Without members, no node is one, and its code is left out.
+    /// The coordinator's part. Without members, no node is one, and its code is left out.
     const fn coordinator(&self) -> Option<&Coordinator<MEMBERS>> {
         match self {
             Self::Coordinator(coordinator) if MEMBERS > 0 => Some(coordinator),

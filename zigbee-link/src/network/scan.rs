@@ -9,12 +9,12 @@ use crate::{
     wire::{Address, Beacon, Eui64, Frame, FrameType, PanId, ShortAddress},
 };
 
-/// How long to listen on each channel after a beacon request.
+/// Time to listen on each channel after a beacon request.
 pub const SCAN_TIME: Duration = Duration::from_millis(140);
 /// PANs remembered per scan.
 const FOUND: usize = 16;
 
-/// What the beacons of these networks carry: a mark, and whether there is room for devices.
+/// Payload of the beacons of these networks: a mark, and a flag that says if there is room for devices.
 ///
 /// Beacons are not secured, so this only says where to try first.
 const MARK: [u8; 3] = *b"zl\x01";
@@ -61,7 +61,7 @@ pub(super) struct Found {
     pub coordinator: Option<Eui64>,
     /// A network of this crate with room for devices.
     pub is_open: bool,
-    /// How strongly the beacon came, by the measure of the own radio; 0 if that has none.
+    /// Strength of the beacon, by the measure of the own radio; 0 if that has none.
     pub strength: u8,
 }
 
@@ -110,7 +110,7 @@ pub(super) struct Scan {
     heard: u32,
 }
 
-/// What a scan wants.
+/// Next step of a scan.
 pub(super) enum Step {
     /// Send a beacon request on the [`channel`](Scan::channel).
     Request,
@@ -135,7 +135,7 @@ impl Scan {
         self.current.map(|(channel, _)| channel)
     }
 
-    /// When to take the next step.
+    /// Time to take the next step.
     pub(super) fn until(&self) -> Instant {
         self.current.map_or(Instant(0), |(_, until)| until)
     }
@@ -201,7 +201,7 @@ impl Scan {
         self.all.iter().min_by_key(|&channel| pans(channel))
     }
 
-    /// An identifier that nobody heard uses, from the numbers drawn.
+    /// An identifier that no PAN heard uses, from the numbers drawn.
     pub(super) fn free_pan(&self, mut draw: impl FnMut() -> u16) -> PanId {
         loop {
             let pan = PanId(draw());

@@ -44,7 +44,7 @@ fn running() -> Node<4, 4, 2> {
     node
 }
 
-/// What changes while it is written down is written down again.
+/// A record that changes while it is written down is written down again.
 #[test]
 fn what_was_saved_is_no_longer_what_is() {
     let mut node = running();

@@ -9,7 +9,7 @@ use crate::wire::{fcs, has_good_fcs};
 #[derive(Clone, Debug)]
 pub struct Checksum<R>(R);
 
-/// Why such a radio does not work.
+/// Reason why such a radio does not work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ChecksumError<E> {

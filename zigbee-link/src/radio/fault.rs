@@ -3,11 +3,11 @@
 use super::{PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
 use crate::jitter::Jitter;
 
-/// How bad. Probabilities are in thousandths, and independent.
+/// Faults of the medium. Probabilities are in thousandths, and independent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Faults {
-    /// A frame is sent, and nobody hears it.
+    /// A frame is sent, and no radio hears it.
     pub tx_lost: u16,
     /// A received frame is lost.
     pub rx_lost: u16,
@@ -19,8 +19,7 @@ pub struct Faults {
     pub rx_doubled: u16,
 }
 
-/// A radio that loses, damages and doubles frames. Breaks rules 10 and 12 of the contract, which is
-/// what it is for.
+/// A radio that loses, damages and doubles frames. It breaks rules 10 and 12 of the contract on purpose.
 #[derive(Clone, Debug)]
 pub struct FaultInjector<R> {
     radio: R,

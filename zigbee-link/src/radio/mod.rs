@@ -1,9 +1,8 @@
 //! The seam to the hardware: [`Radio`].
 //!
 //! # Contract
-//! What an implementation promises, and what a caller may rely on. "Frame" is a PSDU without its
-//! frame check sequence: MAC header and payload. A radio that carries bare PSDUs keeps the contract
-//! below a [`Checksum`].
+//! Promises of an implementation, on which a caller may rely. "Frame" is a PSDU without its frame check sequence:
+//! MAC header and payload. A radio that carries bare PSDUs keeps the contract below a [`Checksum`].
 //!
 //! **Configuration**
 //! 1. A radio does nothing before its first [`configure`](Radio::configure): [`Radio::transmit`]
@@ -30,14 +29,14 @@
 //! 9. `receive` is cancel-safe: dropping its future loses no frame that it had not returned.
 //! 10. Each frame is delivered once, whole, in the order of arrival.
 //! 11. Frames that arrive while no `receive` is pending, during a transmission too, should be
-//!     queued. When the queue is full the frame that arrives is lost; nobody is told, as with a
+//!     queued. When the queue is full the frame that arrives is lost without notice, as is a
 //!     frame lost on the air.
 //! 12. A frame with a wrong FCS is never delivered.
-//! 13. Frames for other devices need not be delivered, and may be: whoever receives looks at the
-//!     addresses again. What must be delivered is every frame to the configured addresses or to
-//!     all; every beacon of the configured PAN, or of any PAN if that is [`PanId::BROADCAST`]; and,
+//! 13. Frames for other devices need not be delivered, and may be: the receiver looks at the
+//!     addresses again. Every frame to the configured addresses or to all must be delivered;
+//!     so must every beacon of the configured PAN, or of any PAN if that is [`PanId::BROADCAST`]; and,
 //!     [promiscuous](RadioConfig::promiscuous), every frame.
-//! 14. What arrives is untrusted: a radio must deliver any bytes at all without failing.
+//! 14. Frames that arrive are untrusted: a radio must deliver any bytes at all without failing.
 //!
 //! **Errors**
 //! 15. An error says that the radio does not work, not that the medium did not: a busy channel is a
@@ -77,7 +76,7 @@ pub const CSMA_BACKOFFS: u8 = 4;
 
 /// A transceiver for IEEE 802.15.4 frames. The module documentation is its contract.
 pub trait Radio {
-    /// Why the radio does not work.
+    /// Reason why the radio does not work.
     type Error: fmt::Debug;
 
     /// Takes over the channel, the power and the addresses, and starts to receive.
@@ -153,7 +152,7 @@ impl fmt::Display for Channel {
     }
 }
 
-/// How a radio is to work.
+/// Configuration of a radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RadioConfig {
@@ -167,25 +166,24 @@ pub struct RadioConfig {
     pub short: ShortAddress,
     /// The own extended address.
     pub extended: Eui64,
-    /// Whether this device is the PAN's coordinator, which also receives frames without a
-    /// destination address.
+    /// True if this device is the PAN's coordinator, which also receives frames without a destination address.
     pub coordinator: bool,
-    /// Deliver every frame, whoever it is for.
+    /// Deliver every frame, for any address.
     pub promiscuous: bool,
 }
 
-/// What became of a transmission.
+/// Result of a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
 pub enum TxOutcome {
-    /// The frame was on the air. Who heard it, only the layers above know.
+    /// The frame was on the air. Only the layers above know which nodes heard it.
     Sent,
     /// Not sent: the channel was busy throughout.
     ChannelBusy,
 }
 
-/// What is known of a received frame besides its bytes.
+/// Facts about a received frame besides its bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Received {
@@ -200,8 +198,8 @@ pub struct Received {
 }
 
 impl Received {
-    /// How strongly it came, more for better, by whichever measure the radio has: to compare with
-    /// other frames that the same radio received. 0 if it has none.
+    /// Strength of the frame, more for better, by any measure the radio has: to compare with other frames that the
+    /// same radio received. 0 if it has none.
     pub fn strength(&self) -> u8 {
         match (self.rssi, self.lqi) {
             (Some(rssi), _) => rssi.cast_unsigned() ^ 0x80,

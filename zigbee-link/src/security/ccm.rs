@@ -10,7 +10,7 @@ use aes::{Aes128, Block, cipher::BlockCipherEncrypt};
 
 use crate::wire::{Eui64, Level};
 
-/// How frames are secured: always encrypted, always with an integrity code.
+/// Protection of frames: always encrypted, always with an integrity code.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Protection {
@@ -95,7 +95,7 @@ fn xor(bytes: &mut [u8], with: &[u8]) {
     }
 }
 
-/// Whether the payload is in clear before or after.
+/// Direction: the payload is in clear before (sealing) or after (opening).
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Direction {
     Seal,
@@ -118,7 +118,7 @@ fn crypt(
         nonce,
         mac: [0; BLOCK],
     };
-    // B.4.1.1: whether anything is only authenticated; bytes of the code; a length field of two.
+    // B.4.1.1: flag of associated data; bytes of the code; a length field of two.
     let has_associated = if associated.is_empty() { 0 } else { 0x40 };
     let mic_len = match protection {
         Protection::EncMic32 => 1 << 3,

@@ -16,7 +16,7 @@ pub struct Counter {
     limit: u32,
 }
 
-/// Why there is no counter for a frame.
+/// Reason why there is no counter for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CounterError {

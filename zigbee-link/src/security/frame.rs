@@ -29,14 +29,14 @@ pub struct FrameSecurity<const PEERS: usize> {
     pub counter: Counter,
     /// The senders known to be fresh.
     pub peers: Peers<PEERS>,
-    /// Of a coordinator: numbers of members that may have missed the last change of key, and are spoken
-    /// to under the former one.
+    /// Numbers of a coordinator's members that may have missed the last change of key, and are spoken to under the
+    /// former one.
     late: heapless::Vec<u16, PEERS>,
     /// One of them spoke.
     late_heard: Option<Eui64>,
 }
 
-/// Who sent a frame that is authentic.
+/// Sender of an authentic frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sender {
@@ -55,7 +55,7 @@ impl Sender {
     }
 }
 
-/// What is written on a frame, parsed once for all who decide on it.
+/// Fields of a frame's header, parsed once for all that decide on it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Envelope {
     frame_type: FrameType,
@@ -85,7 +85,7 @@ impl Envelope {
 pub struct Opened<'a> {
     /// Data or command.
     pub frame_type: FrameType,
-    /// Who sent it.
+    /// The sender.
     pub sender: Sender,
     /// The address it was sent from.
     pub source: Address,
@@ -101,7 +101,7 @@ pub struct Opened<'a> {
     pub payload: &'a [u8],
 }
 
-/// Why a frame was not opened. Nothing has changed then.
+/// Reason why a frame was not opened. Nothing has changed then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -118,7 +118,7 @@ pub enum Refused {
     Key,
     /// The frame has no source address.
     NoSource,
-    /// A short address of nobody known, so that there is no nonce.
+    /// A short address of no known peer, so that there is no nonce.
     UnknownShort(ShortAddress),
     /// The own address as the source.
     OwnAddress,
@@ -143,7 +143,7 @@ impl fmt::Display for Refused {
             Self::Level => "another security level than this network's",
             Self::Key => "a key that is not accepted",
             Self::NoSource => "no source address",
-            Self::UnknownShort(short) => return write!(f, "nobody known has address {short}"),
+            Self::UnknownShort(short) => return write!(f, "no known node has address {short}"),
             Self::OwnAddress => "sent in this node's own name",
             Self::Replayed => "a frame counter that is not new",
             Self::Mic => "a wrong integrity code",
@@ -153,7 +153,7 @@ impl fmt::Display for Refused {
 
 impl core::error::Error for Refused {}
 
-/// Why a frame could not be secured.
+/// Reason why a frame could not be secured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SealError {
@@ -222,7 +222,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         self.extended
     }
 
-    /// How frames are secured.
+    /// Protection of frames.
     pub const fn protection(&self) -> Protection {
         self.protection
     }
@@ -236,7 +236,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         }
     }
 
-    /// How many may still have but the former key.
+    /// Number of members that may still have only the former key.
     pub(crate) fn late(&self) -> u8 {
         u8::try_from(self.late.len()).unwrap_or(u8::MAX)
     }
@@ -246,7 +246,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         self.late.retain(|number| *number != member.number());
     }
 
-    /// Nobody is understood under the former key any more.
+    /// No member is understood under the former key any more.
     pub(crate) fn abandon_late(&mut self) {
         self.late.clear();
         self.late_heard = None;
@@ -261,7 +261,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         self.late.contains(&member.number())
     }
 
-    /// Whether the frame is for a member that may have but the former key.
+    /// Returns true if the frame is for a member that may have only the former key.
     fn is_for_late(&self, destination: Panned) -> bool {
         match destination.address {
             Some(Address::Extended(extended)) => self.is_late(extended),

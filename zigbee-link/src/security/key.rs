@@ -20,8 +20,8 @@ pub struct Key {
 }
 
 impl Key {
-    /// A key. `None` for index 0, which the standard reserves, and for keys that nobody drew at
-    /// random: all bytes the same, as erased or forgotten memory has them.
+    /// A key. `None` for index 0, which the standard reserves, and for keys that were not drawn at random: all
+    /// bytes the same, as erased or forgotten memory has them.
     pub fn new(index: u8, bytes: [u8; 16]) -> Option<Self> {
         let [first, rest @ ..] = bytes;
         if index == 0 || rest.iter().all(|&byte| byte == first) {
@@ -35,8 +35,8 @@ impl Key {
         self.index
     }
 
-    /// What tells this key from others without giving it away: the first three bytes of zeros
-    /// encrypted with it, the key check value of ISO 9797. No frame's cipher encrypts zeros.
+    /// Value that tells this key from others without giving it away: the first three bytes of zeros encrypted with
+    /// it, the key check value of ISO 9797. No frame's cipher encrypts zeros.
     pub fn check_value(&self) -> [u8; 3] {
         let mut block = aes::Block::default();
         Ready::new(*self).cipher.encrypt_block(&mut block);
@@ -103,7 +103,7 @@ enum Other {
     Former(Ready, Instant),
 }
 
-/// Why a key change was refused.
+/// Reason why a key change was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RotationError {
@@ -161,7 +161,7 @@ impl Keyring {
         }
     }
 
-    /// Forgets a former key that is accepted no longer. Whether there was one.
+    /// Forgets a former key that is accepted no longer. Returns true if there was one.
     pub(crate) fn expire(&mut self, now: Instant) -> bool {
         let is_over = |other: &mut Other| matches!(other, Other::Former(_, until) if *until <= now);
         self.other.take_if(is_over).is_some()

@@ -1,4 +1,4 @@
-//! Who was heard, and up to which counter.
+//! Senders that were heard, and the counter up to which.
 
 use core::{fmt, time::Duration};
 
@@ -11,12 +11,12 @@ use crate::{
 /// retried, so that no retry is taken for a new message.
 pub const EVICT_AFTER: Duration = Duration::from_secs(60);
 
-/// A peer that was silent for this long has to prove that its next broadcast is fresh. A frame that
-/// was not heard is new by its counter, however late somebody sends it again.
+/// A peer that was silent for this long has to prove that its next broadcast is fresh. A frame that was not heard
+/// is new by its counter, however late it is sent again.
 pub const FRESH_FOR: Duration = Duration::from_secs(60);
 
-/// A counter that is behind by more than this may be the true one of a peer, if that one proves it:
-/// nothing that a node sends is overtaken by so many of its frames.
+/// A counter that is behind by more than this may be the true one of a peer, if the peer proves it: so many frames
+/// of a node never overtake another frame of that node.
 pub(crate) const STALE_AFTER: u32 = 1000;
 
 /// A sender whose frames are known to be fresh.
@@ -29,7 +29,7 @@ pub struct Peer {
     pub short: ShortAddress,
     /// The counter of the last frame accepted from it.
     pub counter: u32,
-    /// When that was.
+    /// Time when that frame came.
     pub heard: Instant,
     /// Number of the last unicast message delivered from it: the counter of its first frame.
     pub(crate) last_unicast: Option<u32>,
@@ -101,8 +101,8 @@ impl<const N: usize> Peers<N> {
         };
         let is_full = self.0.is_full();
         if let Some(known) = self.by_extended_mut(extended) {
-            // A counter far behind: somebody with the key spoke in this peer's name, with a high one.
-            // What is behind by less may be an answer that was overtaken.
+            // A counter far behind: another node with the key spoke in this peer's name, with a high one. A
+            // counter behind by less may be that of an answer that was overtaken.
             if known.counter.saturating_sub(counter) > STALE_AFTER {
                 *known = peer;
             }
@@ -117,12 +117,12 @@ impl<const N: usize> Peers<N> {
         } else {
             self.0.push(peer).map_err(|_| TableFull)?;
         }
-        // An address given to somebody else is no longer its former owner's.
+        // An address given to another node is no longer its former owner's.
         self.rename(extended, short);
         Ok(())
     }
 
-    /// Whoever leaves a network knows nobody's short address in the next one.
+    /// A node that leaves a network knows no short address in the next one.
     pub(crate) fn forget_addresses(&mut self) {
         for peer in &mut self.0 {
             peer.short = ShortAddress::UNASSIGNED;

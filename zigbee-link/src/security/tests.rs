@@ -167,7 +167,7 @@ fn weaker_frames_are_refused() {
     assert!(opened(&mut bob, &mut good.clone()).is_ok());
 }
 
-/// It is never handed out; who used it could never be heard again.
+/// It is never handed out; a node that used it could never be heard again.
 #[test]
 fn the_last_counter_is_refused() {
     let (mut alice, mut bob) = pair();
@@ -266,7 +266,7 @@ fn a_full_table_says_so_and_gives_way_to_nobody_active() {
     assert_eq!(peers.by_extended(eui(3)).unwrap().counter, 30);
 }
 
-/// How many forged frames a test tries.
+/// Number of forged frames that a test tries.
 pub(crate) fn storm() -> u64 {
     env::var("ZIGBEE_LINK_FORGERIES").map_or(20_000, |count| count.parse().unwrap())
 }

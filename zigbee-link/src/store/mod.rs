@@ -1,4 +1,4 @@
-//! What a node must not forget: a small NOR flash.
+//! Facts that a node must not forget, in a small NOR flash.
 //!
 //! [`Store`] keeps a few records in a checksummed log over two banks of a flash. A write that loses
 //! its power half-way leaves the record before it; pages are worn evenly; a record that rots is not
@@ -10,7 +10,7 @@
 //! ([`Record`]); only this module touches flash, and only it and the runner are async. A blocking
 //! flash serves through `embassy_embedded_hal::adapter::BlockingAsync` or the like.
 //!
-//! The log is [`flash_log`], which also serves what else a node should keep.
+//! The log is [`flash_log`], which also serves other data that a node should keep.
 //!
 //! A page of 4 KiB holds 127 records and a counter reservation comes once per
 //! [`BLOCK`] frames: with 10,000 erasures, some 2.5 billion frames.
@@ -120,7 +120,7 @@ pub struct Saved {
 }
 
 impl Saved {
-    /// Of a node that begins with these, and remembers nothing else.
+    /// Facts of a node that begins with these, and remembers nothing else.
     pub const fn of_new(key: Key, extended: Eui64) -> Self {
         Self {
             counter_limit: 0,
@@ -151,7 +151,7 @@ impl Saved {
     }
 }
 
-/// Why the store does not serve.
+/// Reason why the store does not serve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreError<E> {
@@ -221,11 +221,11 @@ impl<F: NorFlash> Store<F> {
 
     /// Gives the node a site key and an extended address. Everything else in the store is erased.
     ///
-    /// `first_counter` is 0 for an address that nobody has had. With one that was in use, it must be
-    /// above every frame counter that was used with it under this key.
+    /// `first_counter` is 0 for an address that no node has had. With one that was in use, it must be above every
+    /// frame counter that was used with it under this key.
     ///
-    /// To be done after [`load`](Self::load), whatever came of it. Cut off half-way, the node is as
-    /// before: not provisioned, or so with the key and the frame counter it had.
+    /// To be done after [`load`](Self::load), whatever its result. Cut off half-way, the node is as before: not
+    /// provisioned, or so with the key and the frame counter it had.
     ///
     /// # Errors
     /// The flash failed, and the store has to be loaded again.
@@ -247,7 +247,7 @@ impl<F: NorFlash> Store<F> {
         Ok(self.log.begin(&[counter, active, first, own]).await?)
     }
 
-    /// The key the node was provisioned with, whichever came into use since. To be asked after
+    /// The key the node was provisioned with, not one that came into use later. To be asked after
     /// [`load`](Self::load).
     ///
     /// # Errors
@@ -261,16 +261,15 @@ impl<F: NorFlash> Store<F> {
         key.flatten().ok_or(StoreError::Corrupt)
     }
 
-    /// Writes nothing any more, whatever is saved: for a flash that does not serve. Only for a node with an
-    /// extended address that nobody has had, and that is drawn anew at each start: nobody will know which
-    /// frame counters it used.
+    /// Writes nothing any more, even if something is saved: for a flash that does not serve. Only for a node with
+    /// an extended address that no node has had, and that is drawn anew at each start: the frame counters that it
+    /// used will not be known.
     pub const fn abandon(&mut self) {
         self.is_abandoned = true;
     }
 
-    /// Writes a record down. When this returns `Ok`, a loss of power does not undo it; when it
-    /// does not return, the record is as before or as told. What fails once is tried again, in the other
-    /// half of the flash.
+    /// Writes a record down. When this returns `Ok`, a loss of power does not undo it; when it does not return,
+    /// the record is as before or as told. A write that fails once is tried again, in the other half of the flash.
     ///
     /// # Errors
     /// The flash failed or is full.

@@ -1,4 +1,4 @@
-//! Who a frame is from and for.
+//! Addresses of senders and receivers of frames.
 
 use core::fmt;
 
@@ -25,7 +25,7 @@ impl ShortAddress {
     /// The coordinator of every network of this crate.
     pub const COORDINATOR: Self = Self(0x0000);
 
-    /// Whether this names one device: neither broadcast nor unassigned.
+    /// Returns true if this names one device: neither broadcast nor unassigned.
     pub const fn is_unicast(self) -> bool {
         self.0 < Self::UNASSIGNED.0
     }

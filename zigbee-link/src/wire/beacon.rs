@@ -35,7 +35,7 @@ pub struct Beacon<'a> {
     pub time_slots: &'a [u8],
     /// The devices something waits for, from the specification on, as on the air.
     pub pending: &'a [u8],
-    /// What the network says of itself.
+    /// Payload that the network chose.
     pub payload: &'a [u8],
 }
 

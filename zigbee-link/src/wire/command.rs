@@ -2,7 +2,7 @@
 
 use super::{EmitError, Malformed, PanId, Reader, ShortAddress, Writer};
 
-/// What a joining device can do, as the bits of an association request.
+/// Capabilities of a joining device, as the bits of an association request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DeviceCapabilities(pub u8);
@@ -13,7 +13,7 @@ impl DeviceCapabilities {
     pub const LISTENING: Self = Self(0b1100_1010);
 }
 
-/// How a coordinator decides on a joining device.
+/// Decision of a coordinator on a joining device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum AssociationStatus {
@@ -53,7 +53,7 @@ impl AssociationStatus {
 pub struct Association {
     /// The device's short address; meaningless unless successful.
     pub short: ShortAddress,
-    /// Whether it is admitted, and why not.
+    /// Admission, or the reason for a refusal.
     pub status: AssociationStatus,
 }
 

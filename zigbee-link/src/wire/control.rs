@@ -2,7 +2,7 @@
 
 use super::Malformed;
 
-/// What a frame is.
+/// Type of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FrameType {
@@ -24,7 +24,7 @@ pub enum FrameVersion {
     V2006,
 }
 
-/// How long an address is, as two bits.
+/// Length of an address, as two bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum AddressMode {
     None,
@@ -53,7 +53,7 @@ const PAN_COMPRESSION: u16 = 1 << 6;
 /// elements.
 const RESERVED: u16 = 7 << 7;
 
-/// Whether the frame says that it is secured.
+/// Returns true if the frame says that it is secured.
 pub(crate) const fn is_secured(frame: &[u8]) -> bool {
     matches!(frame, [first, ..] if *first as u16 & SECURITY != 0)
 }
@@ -127,8 +127,7 @@ impl Control {
             | self.source.bits() << 14
     }
 
-    /// Whether the destination and the source PAN identifier are present
-    /// (IEEE 802.15.4-2006, 7.2.1.1.5).
+    /// Presence of the destination and of the source PAN identifier (IEEE 802.15.4-2006, 7.2.1.1.5).
     pub(super) fn pans(self) -> Result<(bool, bool), Malformed> {
         let destination = self.destination != AddressMode::None;
         let source = self.source != AddressMode::None;

@@ -87,7 +87,7 @@ impl<'a> Writer<'a> {
         Self { buffer, len: 0 }
     }
 
-    /// How many bytes were written.
+    /// Number of bytes written.
     #[expect(
         clippy::len_without_is_empty,
         reason = "a length is what an emitter returns"

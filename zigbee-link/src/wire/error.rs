@@ -1,8 +1,8 @@
-//! Why bytes are no frame, or a frame has no bytes.
+//! Reasons why bytes are no frame, or a frame has no bytes.
 
 use core::fmt;
 
-/// Why bytes were not understood.
+/// Reason why bytes were not understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -39,7 +39,7 @@ impl fmt::Display for Malformed {
 
 impl core::error::Error for Malformed {}
 
-/// Why a frame cannot be written.
+/// Reason why a frame cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

@@ -20,7 +20,7 @@ pub fn crc_16(crc: u16, byte: u8) -> u16 {
     u16::from(high) ^ q << 8 ^ q << 3 ^ q >> 4
 }
 
-/// Whether the last two bytes are the FCS of the others.
+/// Returns true if the last two bytes are the FCS of the others.
 pub fn has_good_fcs(psdu: &[u8]) -> bool {
     psdu.split_last_chunk()
         .is_some_and(|(frame, sum)| fcs(frame) == u16::from_le_bytes(*sum))

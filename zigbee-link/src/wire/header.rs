@@ -86,7 +86,7 @@ impl Panned {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
-    /// What the frame is.
+    /// Type of the frame.
     pub frame_type: FrameType,
     /// The edition of the standard that it follows.
     pub version: FrameVersion,
@@ -96,9 +96,9 @@ pub struct Header {
     pub ack_request: bool,
     /// The sequence number.
     pub sequence: u8,
-    /// Whom the frame is for; none for the coordinator of the source's PAN.
+    /// Destination of the frame; none for the coordinator of the source's PAN.
     pub destination: Panned,
-    /// Whom the frame is from.
+    /// Source of the frame.
     pub source: Panned,
     /// The auxiliary security header of a secured frame.
     pub security: Option<AuxHeader>,
@@ -214,7 +214,7 @@ impl<'a> Frame<'a> {
         })
     }
 
-    /// What the header says.
+    /// Returns the header.
     pub const fn header(&self) -> &Header {
         &self.header
     }
@@ -224,7 +224,7 @@ impl<'a> Frame<'a> {
         self.header_bytes
     }
 
-    /// What follows the header, with the integrity code of a secured frame.
+    /// Bytes after the header, with the integrity code of a secured frame.
     pub const fn payload(&self) -> &'a [u8] {
         self.payload
     }

@@ -1,9 +1,9 @@
 //! Bytes of IEEE 802.15.4 and their meaning, both ways.
 //!
-//! [`Frame::parse`] checks every length and every reserved bit once and splits a frame into
-//! [`Header`], header bytes and payload; [`Header::emit`] writes the same bytes again. What a
-//! [`Header`] cannot express is refused, so that parsing then emitting is the identity on every
-//! frame that parses. [`MacCommand`] and [`Beacon`] do the same for the payloads of these types.
+//! [`Frame::parse`] checks every length and every reserved bit once and splits a frame into [`Header`], header
+//! bytes and payload; [`Header::emit`] writes the same bytes again. A frame that a [`Header`] cannot express is
+//! refused, so that parsing then emitting is the identity on every frame that parses. [`MacCommand`] and
+//! [`Beacon`] do the same for the payloads of these types.
 //!
 //! Frames are without their FCS here; [`fcs`] is that of a frame.
 //!

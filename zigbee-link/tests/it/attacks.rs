@@ -1,4 +1,4 @@
-//! What somebody with a radio and without the key can do: nothing but make noise.
+//! Attacks by a radio without the key: they cause nothing but noise.
 
 use crate::support;
 
@@ -49,9 +49,9 @@ fn received(aether: &mut Aether, place: usize) -> Vec<u32> {
     std::iter::from_fn(|| link.recv().map(|(_, what)| what)).collect()
 }
 
-/// A member is deaf for a while. What was broadcast meanwhile is sent again by somebody who recorded
-/// it: nothing of it is taken, whether its sender is still there to be asked or not. Presence, and answers to
-/// challenges, are replayed too.
+/// A member is deaf for a while. An attacker recorded the broadcasts of that time and sends them again: none is
+/// taken, whether the sender is still there to be asked or not. Presence, and answers to challenges, are replayed
+/// too.
 #[test]
 fn what_a_deaf_node_missed_is_not_taken_later() {
     for (deaf, sender_is_there) in [(66, true), (66, false), (3600, true), (3600, false)] {
@@ -92,7 +92,7 @@ fn what_a_deaf_node_missed_is_not_taken_later() {
     }
 }
 
-/// Who is silent for minutes is heard all the same, with its first frame, for it said meanwhile that it is
+/// A node that is silent for minutes is heard all the same, with its first frame, for it said meanwhile that it is
 /// there.
 #[test]
 fn a_pause_costs_no_broadcast() {
@@ -106,7 +106,7 @@ fn a_pause_costs_no_broadcast() {
     }
 }
 
-/// A network at rest: the coordinator says that it is there, and nobody asks.
+/// A network at rest: the coordinator says that it is there, and no device asks.
 #[test]
 fn a_network_at_rest_says_little() {
     let mut aether = Aether::new(0.0, 4);

@@ -22,7 +22,7 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// What tshark says of these fields, one row per frame.
+/// Values of these fields by tshark, one row per frame.
 fn dissect(
     capture: &PathBuf,
     addresses: &[(ShortAddress, u16, Eui64)],

@@ -99,7 +99,7 @@ fn an_erased_member_is_back_at_once() {
             let members: Vec<_> = aether.stations[0].node.members().collect();
             assert_eq!(members.len(), 3);
             assert!(members.iter().all(|member| member.extended != former));
-            // The first one makes them ask who it is.
+            // The first one makes the others ask for its identity.
             hello(&mut aether);
             aether.run(5 * SECOND);
             assert_eq!(hello(&mut aether), [true; 3], "seed {seed}");
@@ -267,7 +267,7 @@ fn two_networks_of_one_identifier_part_when_told() {
     network.coordinator = eui(100);
     aether.stations[other].saved.network = Some(network);
     aether.restart(other);
-    // Somebody asks for beacons, so that they hear of each other.
+    // A device asks for beacons, so that they hear of each other.
     aether.add(50, key(7));
     assert_eq!(aether.stations[0].node.last_conflict(), None);
     aether.run(30 * SECOND);
@@ -313,7 +313,7 @@ fn a_beacon_answers_a_request_to_everybody() {
     }
 }
 
-/// Whoever forges beacons moves nobody, and makes nobody send.
+/// Forged beacons move no network, and make no node send.
 #[test]
 fn forged_beacons_move_no_network() {
     let mut aether = network(3, 0.0, 1);
@@ -417,8 +417,8 @@ fn a_key_change_tells_whom_it_missed() {
     assert_eq!(keys, [key(2), key(2), key(1), key(2)]);
 }
 
-/// A member is away while the key changes, for however long, and whoever restarts meanwhile: it gets the key in
-/// use when it is heard again.
+/// A member is away while the key changes, for any time, and nodes restart meanwhile: it gets the key in use when
+/// it is heard again.
 #[test]
 fn a_member_that_missed_a_key_change_catches_up() {
     for (away, restarts) in [(10, false), (3600, false), (3600, true)] {
@@ -442,7 +442,7 @@ fn a_member_that_missed_a_key_change_catches_up() {
             assert_delivers(&mut aether, 2, 1);
             assert_delivers(&mut aether, 0, 2);
             if restarts {
-                // After its start the coordinator knows of nobody what it has.
+                // After its start the coordinator knows of no member which key it has.
                 assert_delivers(&mut aether, 1, 0);
                 assert_delivers(&mut aether, 3, 0);
             }
@@ -473,8 +473,8 @@ fn the_former_key_is_written_down_before_another_one_is_in_use() {
     assert!(kept < active, "{written:?}");
 }
 
-/// The former key is of no use to who was sent away, nor, after that, to anybody else who has but that. What
-/// was missed twice is missed.
+/// The former key is of no use to a member that was sent away, nor, after that, to any other node that has only
+/// that key. A member that missed two changes has missed them.
 #[test]
 fn who_was_sent_away_gets_no_new_key() {
     for twice in [false, true] {
@@ -501,8 +501,8 @@ fn who_was_sent_away_gets_no_new_key() {
     }
 }
 
-/// The coordinator lost its store while the devices run on: they come back in another order, so
-/// that addresses change hands. Nobody takes one of them for who had its address before.
+/// The coordinator lost its store while the devices run on: they come back in another order, so that addresses
+/// change hands. No node takes one of them for the former owner of its address.
 #[test]
 fn addresses_change_hands_with_the_network() {
     let pairs = || (0..4).flat_map(|from| (0..4).map(move |to| (from, to)));
@@ -586,8 +586,8 @@ fn a_member_that_slept_through_a_key_change_comes_back() {
     }
 }
 
-/// A device that missed that it is no longer a member is told when it is next heard, whoever
-/// restarted meanwhile, and nobody else is given its address.
+/// A device that missed that it is no longer a member is told when it is next heard, even if nodes restarted
+/// meanwhile, and no other device is given its address.
 #[test]
 fn a_member_that_missed_being_sent_away_is_told_again() {
     for restarts in [false, true] {
@@ -624,7 +624,7 @@ fn a_member_that_missed_being_sent_away_is_told_again() {
     }
 }
 
-/// As many members as one likes go at once: each is written down.
+/// Many members go at once: each is written down.
 #[test]
 fn all_that_changes_at_once_is_written_down() {
     let member = |n: usize| Member {
@@ -671,8 +671,8 @@ fn all_that_changes_at_once_is_written_down() {
     assert_eq!(active, Some(key(19)));
 }
 
-/// A secured orphan notification of a member is answered with its own address; one of anybody
-/// else, or an unsecured one, with nothing.
+/// A secured orphan notification of a member is answered with its own address; one of any other device, or an
+/// unsecured one, with nothing.
 #[test]
 fn orphan_notifications_of_members_are_answered() {
     let mut aether = network(2, 0.0, 9);

@@ -45,9 +45,9 @@ struct World {
     clock: Clock,
     medium: Medium,
     random: RefCell<ChaCha8Rng>,
-    /// Nobody leaves.
+    /// No node leaves.
     is_calm: Cell<bool>,
-    /// What each node surely has in its store.
+    /// Membership that each node surely has in its store.
     memberships: RefCell<[Option<Membership>; NODES]>,
 }
 
@@ -81,7 +81,7 @@ impl World {
     }
 }
 
-/// From power on until the flash fails.
+/// Life of a node from power on until the flash fails.
 async fn life(flash: Flash, world: Rc<World>, number: usize) {
     let mut store = Store::new(flash.clone(), 0..LEN).unwrap();
     let Ok(saved) = store.load().await else {
@@ -189,7 +189,7 @@ impl Nodes {
 
     /// Off, if it was not, and on again: for so many more changes of the flash.
     fn start(&mut self, node: usize, budget: Option<u32>) {
-        // What is not in flash is lost, and so is a write not yet finished.
+        // State that is not in flash is lost, and so is a write not yet finished.
         if let Some(life) = self.lives[node].take() {
             self.executor.kill(life);
         }
@@ -199,7 +199,7 @@ impl Nodes {
         self.lives[node] = Some(self.executor.spawn(life));
     }
 
-    /// Runs all until then, or until this one has no more power. Whether it has.
+    /// Runs all until then, or until this one has no more power. Returns true if it has.
     fn run(&mut self, duration: Duration, victim: Option<usize>) -> bool {
         let spawner = self.executor.spawner();
         let lives = self.lives;
@@ -224,8 +224,8 @@ impl Nodes {
     }
 }
 
-/// A node at a time loses its power at any moment, most of them in the middle of a change of its
-/// flash. No nonce occurs twice, and nobody forgets whom it belongs to.
+/// A node at a time loses its power at any moment, most of them in the middle of a change of its flash. No nonce
+/// occurs twice, and no node forgets its network.
 #[test]
 fn nonces_and_memberships_survive_power_cuts() {
     let mut nodes = Nodes::new();

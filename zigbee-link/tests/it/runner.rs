@@ -157,8 +157,8 @@ fn two_nodes_from_flash_to_air() {
     assert!(captured.get() > 200);
 }
 
-/// The compiler lets nobody use a node who is using it, see `Shared::with`. Who gets round that, here
-/// by a thread's local, fails where assertions are checked, and elsewhere gets nothing and goes on.
+/// The compiler does not let a node be used while it is in use, see `Shared::with`. A caller that gets round that,
+/// here by a thread's local, fails where assertions are checked, and elsewhere gets nothing and goes on.
 #[test]
 fn a_node_in_use_is_nobody_elses() {
     thread_local! {
@@ -178,7 +178,7 @@ fn a_node_in_use_is_nobody_elses() {
     assert_eq!(allow(1), Some(Ok(())));
     assert_eq!(allow(3), Some(Ok(())));
     assert_eq!(allow(4), Some(Err(MembersFull)));
-    // A message that nobody takes is worth another attempt.
+    // A message that is not taken is worth another attempt.
     let post = || SHARED.with(|shared| shared.post(ShortAddress(1), &()));
     let nested = || SHARED.with(|shared| shared.with(|_, _| post()));
     let outcome = catch_unwind(nested).ok();

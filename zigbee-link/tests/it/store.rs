@@ -77,7 +77,8 @@ fn remembers_everything() {
     });
 }
 
-/// Whichever key comes into use later. Stores of the time before it was written down had no other.
+/// The key of provisioning stays known after others come into use. Stores of the time before it was written down
+/// had no other.
 #[test]
 fn the_key_of_provisioning_is_known() {
     block_on(async {
@@ -320,7 +321,7 @@ fn before_provisioning() -> [Flash; 3] {
 #[test]
 fn provisioning_survives_power_cuts() {
     const PAGE_COUNTER: u32 = 5 * BLOCK;
-    /// As a node starts. The first counter of this life.
+    /// Starts a node. Returns the first counter of this life.
     async fn start(store: &mut Store<Flash>) -> Result<u32, StoreError<FlashError>> {
         let is_newer = match store.load().await {
             Ok(saved) => saved.counter_limit < PAGE_COUNTER,
@@ -379,7 +380,7 @@ fn a_bad_header_is_refused() {
     }
 }
 
-/// Who was told that the node is not provisioned cannot write without doing so.
+/// A caller that was told that the node is not provisioned cannot write without provisioning it.
 #[test]
 fn nothing_is_saved_without_a_key() {
     let mut flash = chip(0);

@@ -1,4 +1,4 @@
-//! What errors and addresses say to people.
+//! Words of errors and addresses for people.
 
 use zigbee_link::{
     link::SendError,

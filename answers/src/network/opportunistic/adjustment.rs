@@ -21,7 +21,7 @@ pub(crate) struct Sight {
     pub counts: bool,
 }
 
-/// What is estimated: `None` of what is not known yet.
+/// Unknowns and their estimates: `None` where one is not known yet.
 #[derive(Clone, Debug)]
 pub(crate) struct Scene {
     /// `(x, y, heading)`.
@@ -32,7 +32,7 @@ pub(crate) struct Scene {
     pub frame: [usize; 2],
 }
 
-/// The minimum, with what covariances are made of.
+/// The minimum, with the parts that covariances are made of.
 pub(crate) struct Adjusted {
     pub chi_squared: f64,
     pub degrees_of_freedom: usize,
@@ -92,7 +92,7 @@ impl Scene {
         rows.map(|row| row.residual * row.residual).sum()
     }
 
-    /// Whether a bearing's camera and point are estimated and the point is before the camera.
+    /// Returns true if a bearing's camera and point are estimated and the point is before the camera.
     pub(crate) fn is_in_front(&self, sight: &Sight) -> Option<bool> {
         let row = self.row(sight)?;
         Some((row.residual * sight.sigma).abs() < std::f64::consts::FRAC_PI_2)
@@ -270,7 +270,7 @@ impl Scene {
         adjusted.influence(&self.row(sight)?, sight.point, camera)
     }
 
-    /// How many bearings of a point count and have a camera.
+    /// Number of bearings of a point that count and have a camera.
     pub(crate) fn seen(&self, point: usize) -> usize {
         self.rows_of(point).count()
     }
@@ -298,7 +298,7 @@ impl Adjusted {
         Some(own.inverse + own.inverse * sum * own.inverse)
     }
 
-    /// The covariance of a camera with what a row foretells.
+    /// The covariance of a camera with the prediction of a row.
     fn influence(&self, row: &Row, point: usize, camera: usize) -> Option<Vector3<f64>> {
         let own = self.points[point].as_ref()?;
         let direct = self.columns[row.camera].iter().zip(row.by_camera);

@@ -121,7 +121,7 @@ fn intersect(scene: &mut Scene) {
     }
 }
 
-/// Cameras that are not known and that see so many known points. Whether one came in.
+/// Adds cameras that are not known and that see at least so many known points. Returns true if one came in.
 fn resect(scene: &mut Scene, least: usize) -> bool {
     let mut came = false;
     for camera in 0..scene.cameras.len() {
@@ -221,7 +221,7 @@ impl Solved {
         Some(())
     }
 
-    /// Whether another solution fits as well, and is another one.
+    /// Returns true if another solution fits as well, and is another one.
     pub(super) fn rivals(&self, other: &Self) -> bool {
         let counts = other.counting() + other.left_out.len() >= self.counting()
             && other.counting() + 2 >= self.counting();

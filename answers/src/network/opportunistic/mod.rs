@@ -7,9 +7,9 @@
 //!
 //! Three cameras begin ([`three_views`]). Places that two cameras see are intersected, cameras that
 //! see four known places are resected, and [bundle adjustment](adjustment) solves for all at once,
-//! again and again until nobody comes in any more. What contradicts is left out and named. Every
-//! solution of the first three is followed: if two end up fitting as well as each other, the answer
-//! is told to be ambiguous.
+//! again and again until no camera comes in any more. Bearings that contradict are left out and named. Every
+//! solution of the first three is followed: if two end up fitting as well as each other, the answer is
+//! reported as ambiguous.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -44,7 +44,7 @@ const FOLLOWED: usize = 4;
 const DETECTED: f64 = 4.42 + 3.09;
 /// Noise exceeds so many sigmas once in a thousand.
 const NOISE: f64 = 3.09;
-/// What is less checked than this counts as this much.
+/// A redundancy below this counts as this much.
 const LEAST_REDUNDANCY: f64 = 1e-4;
 
 /// Everything that was measured, by number.
@@ -83,7 +83,7 @@ impl Measured {
         { self.sights.iter() }.find(|sight| sight.point == point && sight.camera == camera)
     }
 
-    /// What three cameras saw together.
+    /// Points that three cameras saw together.
     fn common(&self, cameras: [usize; 3]) -> Vec<Common> {
         (0..self.points.len())
             .filter_map(|point| {
@@ -230,8 +230,8 @@ pub(super) fn solve(
     Ok(told)
 }
 
-/// How far a wrong bearing that no test notices moves a camera at most, without noise: as
-/// [`calib_core::joint`] says it.
+/// Most that a wrong bearing which no test notices moves a camera, without noise: as [`calib_core::joint`]
+/// defines it.
 fn protection(scene: &Scene, adjusted: &Adjusted, camera: usize) -> Protection {
     let counting = scene.sights.iter().filter(|sight| sight.counts);
     let moves = counting.filter_map(|sight| {

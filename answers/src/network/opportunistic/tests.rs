@@ -32,7 +32,7 @@ impl Room {
         Self { cameras, places }
     }
 
-    /// What cameras of 70 degrees measure.
+    /// Bearings that cameras of 70 degrees measure.
     fn seen(&self, rng: &mut Random) -> Vec<Bearing> {
         let mut bearings = Vec::new();
         for (stop, place) in (1..).zip(&self.places) {
@@ -146,8 +146,8 @@ fn cameras_that_see_a_target_together_calibrate_each_other() {
     );
 }
 
-/// One bearing is off by as much as no test notices just so: nobody moves by more than was foretold.
-/// With nothing beyond the unknowns nobody is checked, and no level is worth the name.
+/// One bearing is off by just less than a test notices: no camera moves by more than was foretold. With
+/// nothing beyond the unknowns no camera is checked, and no level is worth the name.
 #[test]
 fn a_wrong_bearing_moves_a_camera_within_its_protection_level() {
     let (mut beyond, mut poses, mut moved) = (0, 0, 0.0_f64);
@@ -183,7 +183,7 @@ fn a_wrong_bearing_moves_a_camera_within_its_protection_level() {
         }
     }
     assert!(poses > 60 && beyond == 0, "{beyond} of {poses}");
-    // The level is of the size of what one bearing does.
+    // The level has the size of one bearing's effect.
     assert!((0.1..1.0).contains(&moved), "{moved}");
     let mut rng = generator(3);
     let least = Room::random(&mut rng, 3, 5);
@@ -191,7 +191,7 @@ fn a_wrong_bearing_moves_a_camera_within_its_protection_level() {
     assert!(solution.cameras.iter().all(|camera| !camera.checked));
 }
 
-/// Three views have two solutions: whoever says that there is one must be right.
+/// Three views have two solutions: a solver that reports a single one must be right.
 #[test]
 fn three_cameras_are_right_or_ambiguous() {
     let (mut sure, mut ambiguous) = (0, 0);

@@ -41,7 +41,7 @@ pub(super) struct Common {
     pub sigmas: [f64; 3],
 }
 
-/// How the second and third camera stand to the first, which is at the origin and looks along the x
+/// Poses of the second and third camera relative to the first, which is at the origin and looks along the x
 /// axis; distances have no unit.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
@@ -115,8 +115,8 @@ fn variance(seen: &Common, headings: [f64; 2], places: &Vector4<f64>) -> f64 {
     squares.sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
-/// All solutions of three cameras, the best first: each a scene of these cameras and the points that
-/// all of them saw, of which the first and another are the frame.
+/// All solutions of three cameras, the best first. Each is a scene of these cameras and the points that all
+/// of them saw; the first camera and another one are the frame.
 pub(super) fn solutions(
     cameras: [usize; 3],
     common: &[Common],

@@ -21,20 +21,20 @@ use crate::record::sightings::{Carrier, Sightings};
 mod scale;
 mod told;
 
-/// Sigmas of scale and, in radians, of a direction of which nothing is known.
+/// Sigmas of an unknown scale and, in radians, of an unknown direction.
 const VAGUE: [f64; 2] = [1e6, 10.0];
 /// No carrier is known better than this, a share or radians.
 const EXACT: f64 = 1e-5;
-/// Nor is any displacement, in baselines.
+/// No displacement is known better than this, in baselines.
 const LEAST_LEG: f64 = 1e-5;
 /// Sigma of a displacement that weighs nothing, in baselines.
 const WEIGHTLESS: f64 = 1e4;
-/// Focal lengths as if nobody had looked at the lens, one sigma.
+/// Focal lengths of unknown lenses, one sigma.
 const ANY_LENS: f64 = 0.3;
 /// Cameras take part up to these sigmas: of position, in baselines, and of heading, radians.
 const LIMITS: [f64; 2] = [0.3, 0.5];
 
-/// What was measured along one walk, by the numbers of the estimator.
+/// Measurements along one walk, by the numbers of the estimator.
 pub(super) struct Walk<'a> {
     sightings: &'a Sightings,
     target: u16,
@@ -51,7 +51,7 @@ pub(super) struct Walk<'a> {
 /// The part of a walk that is solved.
 struct Part {
     input: Input,
-    /// Of each of its stops the place in the walk.
+    /// Place in the walk of each of its stops.
     stops: Vec<usize>,
     /// Of each of its bearings.
     bearings: Vec<usize>,
@@ -173,9 +173,9 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// A lens that is far from what was given makes bearings contradict each other, and what is left of
-    /// them may tell nothing of it. So where something contradicts, all is asked once more as if little
-    /// were known of lenses.
+    /// A lens that is far from the given one makes bearings contradict each other, and the bearings that are left
+    /// may tell nothing of it. So if something contradicts, all is solved once more as if little were known of
+    /// lenses.
     fn find_other_lenses(&self, part: &Part, output: &mut Output) {
         let Some(prior) = part.input.settings.lens else {
             return;
@@ -226,7 +226,7 @@ impl<'a> Walk<'a> {
         JointSettings {
             scale: scale.unwrap_or(known),
             compass: Prior {
-                // What points along the x axis of displacements reads zero.
+                // A way along the x axis of displacements reads zero.
                 mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
                 sigma: heading.map_or(VAGUE[1], |_| compass_sigma),
             },
@@ -304,8 +304,8 @@ impl<'a> Walk<'a> {
         Ok((part, output, [baseline, 0.0]))
     }
 
-    /// Finds out where pieces are of which two cameras with a pose see a stop, or that come to a mark
-    /// of which the place is known. Whether there are new ones.
+    /// Locates pieces: two cameras with a pose see a stop of the piece, or it comes to a mark whose place is
+    /// known. Returns true if there are new ones.
     fn locate(&self, pieces: &mut [Piece], part: &Part, known: &Output) -> bool {
         // Where a stop stood on the same mark as one that is solved.
         let on_mark = |stop: usize| {
@@ -350,7 +350,7 @@ impl<'a> Walk<'a> {
         found
     }
 
-    /// The pieces of which a place is known, one after the other; all if there is but one.
+    /// The pieces that have a known place, one after the other; all if there is but one.
     fn part(
         &self,
         pieces: &[Piece],
@@ -419,12 +419,12 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// What a carrier walked of what he read.
+/// True way of a carrier for the way that he reads.
 fn true_way(read: Vector2<f64>, known: &Output) -> Vector2<f64> {
     angle::rotation(-known.carrier.compass) * read / known.carrier.scale
 }
 
-/// What he reads of a way.
+/// Way that he reads for a true way.
 fn read_way(way: Vector2<f64>, known: &Output) -> Vector2<f64> {
     angle::rotation(known.carrier.compass) * way * known.carrier.scale
 }

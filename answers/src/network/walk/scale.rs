@@ -1,4 +1,4 @@
-//! A network whose baseline nobody knows.
+//! Network whose baseline is not known.
 
 use calib_core::{
     Pose, angle,
@@ -36,8 +36,7 @@ impl Walk<'_> {
         let scale = output.carrier.scale;
         let sigma = output.carrier.sigma_scale();
         let [own_sigma, _] = self.carrier_sigmas();
-        // What the answers do when the scale is another one: with their covariance, that is all that
-        // ties them to it.
+        // Change of the answers with the scale: with their covariance, it is all that ties them to it.
         let input = without(&part.input, &output);
         let at = |scale: f64| {
             let settings = JointSettings {

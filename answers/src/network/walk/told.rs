@@ -1,4 +1,4 @@
-//! What an estimator found, by the numbers that people know.
+//! Results of an estimator, by the numbers that people know.
 
 use calib_core::{
     Ray, Refusal, Sighting, Status, angle,

@@ -1,4 +1,4 @@
-//! What is the matter with most cameras, or their true errors.
+//! Causes of problems of most cameras, and of their true errors.
 
 use calib_core::{
     angle,
@@ -18,14 +18,14 @@ const MANY: usize = 10;
 /// Errors this many times smaller than foretold are not chance, among many cameras.
 const TOO_SMALL: f64 = 2.0;
 
-/// How many predicted sigmas the pose is off, if these are more than five are to one number.
+/// Number of predicted sigmas that the pose is off, if these are more than five are to one number.
 pub fn deceives(camera: &Node) -> Option<f64> {
     let fit = camera.truth_fit()?;
     let limit = FIVE_SIGMAS.get(fit.degrees_of_freedom.checked_sub(1)?)?;
     (!(fit.chi_squared <= *limit)).then(|| fit.chi_squared.sqrt())
 }
 
-/// What is bad as a whole, and not only because of the worst quarter of the cameras.
+/// Problems of the cameras as a whole, and not only because of the worst quarter of them.
 pub(super) fn common(record: &RunRecord) -> Vec<Common> {
     let mut common = Vec::new();
     let lens = most(
@@ -51,7 +51,7 @@ pub(super) fn common(record: &RunRecord) -> Vec<Common> {
     common
 }
 
-/// How many times too large, where also without the worst quarter the fit is bad.
+/// Factor by which errors are too large, where also without the worst quarter the fit is bad.
 fn most(fits: impl Iterator<Item = Fit<f64>>) -> Option<f64> {
     let mut fits: Vec<_> = fits.filter(|fit| fit.degrees_of_freedom > 0).collect();
     let excess = |fit: &Fit<f64>| fit.chi_squared - fit.degrees_of_freedom as f64;
@@ -62,8 +62,8 @@ fn most(fits: impl Iterator<Item = Fit<f64>>) -> Option<f64> {
     ratio.filter(|_| sum(rest).degrees_of_freedom > 0 && sum(rest).is_bad())
 }
 
-/// Why the sightings of a camera contradict each other; `None` where nobody knows the truth, or it
-/// tells nothing.
+/// Reason why the sightings of a camera contradict each other; `None` where the truth is not known, or tells
+/// nothing.
 pub(super) fn of_doubt(record: &RunRecord, camera: &Node) -> Option<Cause> {
     if true_bearings(record, camera)?.is_bad() {
         return Some(Cause::Sight);
@@ -93,8 +93,8 @@ fn true_bearings(record: &RunRecord, camera: &Node) -> Option<Fit<f64>> {
     fits.reduce(Fit::and)
 }
 
-/// How sure a camera is of the direction to where a target really stood, `distance` away: of its
-/// bearing, and of how still the target stands.
+/// Sigma of a camera's direction to where a target really stood, `distance` away: that of its bearing, and of
+/// how still the target stands.
 fn sighting_sigma_deg(
     record: &RunRecord,
     camera: &Node,
@@ -114,8 +114,8 @@ fn sighting_sigma_deg(
     measured.or_else(|| Some(residual.residual_deg? / residual.normalised?))
 }
 
-/// How many times farther off than foretold a target believed to be. What its stops have in common
-/// they err in together, so that their mean counts like one of them.
+/// Factor by which a target's belief is farther off than foretold. Its stops share part of their errors, so
+/// that their mean counts like one of them.
 fn believed(target: &Target) -> Option<f64> {
     let errors = target.stops.iter().filter_map(|stop| {
         let believed = stop.believed?;
@@ -130,8 +130,8 @@ fn believed(target: &Target) -> Option<f64> {
     (mean > one_in_a_thousand(2)).then(|| (mean / 2.0).sqrt())
 }
 
-/// The true errors of all cameras. They err together in what they learnt from one target, so that
-/// their mean counts like that of one camera, of three degrees of freedom.
+/// The true errors of all cameras. They share the errors of the target from which they learnt, so that their
+/// mean counts like that of one camera, of three degrees of freedom.
 fn errors(record: &RunRecord) -> Option<Common> {
     let fits: Vec<_> = record.cameras().filter_map(Node::truth_fit).collect();
     let all = fits.iter().copied().fold(Fit::default(), Fit::and);

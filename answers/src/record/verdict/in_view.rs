@@ -1,4 +1,4 @@
-//! Whether a camera could have seen the target.
+//! Test of whether a camera could have seen the target.
 
 use std::collections::VecDeque;
 
@@ -7,17 +7,17 @@ use nalgebra::{Point2, Vector2};
 
 use super::super::{Node, RunRecord};
 
-/// What of the target's way a camera has in view.
+/// Part of the target's way that a camera has in view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum InView {
     /// So many of the stops.
     Stops(usize),
-    /// None of them, but places to which the target can be led.
+    /// It has no stop in view, but places to which the target can be led.
     Elsewhere,
     /// No place to which the target can be led: walls are all around.
     Sealed,
-    /// Nobody knows where the camera is, or where the target went.
+    /// The place of the camera, or the target's way, is not known.
     Unknown,
 }
 
@@ -171,7 +171,7 @@ impl<'a> Floor<'a> {
     }
 }
 
-/// Whether two segments cross.
+/// Returns true if two segments cross.
 fn crosses(a: Point2<f64>, b: Point2<f64>, c: Point2<f64>, d: Point2<f64>) -> bool {
     let side = |from: Point2<f64>, to: Point2<f64>, p: Point2<f64>| (to - from).perp(&(p - from));
     side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0

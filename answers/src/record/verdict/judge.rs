@@ -1,7 +1,7 @@
 //! Verdicts on a network that goes on, one after the other.
 //!
-//! Where to stop next is what takes long to find, and it depends on one network alone: it is found again
-//! only where something of that network changed.
+//! The next stop takes long to find, and depends on one network alone: it is found again only if something of
+//! that network changed.
 
 use std::collections::BTreeMap;
 
@@ -12,14 +12,14 @@ use crate::record::{
     sightings::Sightings,
 };
 
-/// Finds verdicts, and remembers what they were made of.
+/// Finds verdicts, and remembers their parts.
 #[derive(Clone, Debug, Default)]
 pub struct Judge {
     site: Option<Site>,
     networks: BTreeMap<u16, Known>,
 }
 
-/// What concerns all networks.
+/// Findings that concern all networks.
 #[derive(Clone, Debug, PartialEq)]
 struct Site {
     limits: Limits,
@@ -27,7 +27,7 @@ struct Site {
     obstacles: Vec<Vec<[f64; 2]>>,
 }
 
-/// One network, and what was found of it.
+/// One network, and the findings on it.
 #[derive(Clone, Debug)]
 struct Known {
     part: Part,
@@ -39,7 +39,7 @@ struct Known {
 /// Number of a camera that a stop is wanted for, and two properties of what is wanted.
 type Wished = (u16, bool, bool);
 
-/// What a record has of one network.
+/// Content of a record about one network.
 #[derive(Clone, Debug, Default)]
 struct Part {
     nodes: Vec<Node>,
@@ -48,13 +48,13 @@ struct Part {
 }
 
 impl Judge {
-    /// The verdict on what is known now: that of [`Verdict::of`].
+    /// The verdict on the present record: that of [`Verdict::of`].
     pub fn verdict(&mut self, record: &RunRecord) -> Verdict {
         self.learn(record);
         Verdict::found(record, self)
     }
 
-    /// Forgets what was found of networks that changed.
+    /// Forgets the findings on networks that changed.
     fn learn(&mut self, record: &RunRecord) {
         let site = Site {
             limits: record.limits,
@@ -149,7 +149,7 @@ impl View<'_> {
 }
 
 impl Part {
-    /// Whether its cameras saw its own targets only.
+    /// Returns true if its cameras saw its own targets only.
     fn is_alone(&self) -> bool {
         let is_own = |target: u16| self.targets.iter().any(|own| own.id == target);
         let mut seen = self.nodes.iter().flat_map(|node| &node.residuals);

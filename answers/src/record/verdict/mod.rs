@@ -2,9 +2,9 @@
 //!
 //! | module | job |
 //! |---|---|
-//! | `causes` | What is the matter with most cameras: lens, carrier, sigmas |
-//! | `judge` | Verdicts one after the other, of which most stays the same |
-//! | `in_view` | Whether a camera could have seen the target, or stands in a sealed room |
+//! | `causes` | Causes of problems of most cameras: lens, carrier, sigmas |
+//! | `judge` | Verdicts one after the other, which change little |
+//! | `in_view` | Test of whether a camera could have seen the target, or stands in a sealed room |
 //! | `words` | The verdict in sentences |
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,25 +27,25 @@ pub use words::{check_words, half_turn, health_words, status_words};
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
 
-/// What there is to say about a run, or a real network.
+/// Verdict on a run, or on a real network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
     /// Cameras that are meant to be calibrated.
     pub expected: usize,
-    /// How many of them have the status `calibrated`.
+    /// Number of them that have the status `calibrated`.
     pub calibrated: usize,
-    /// How many of these are [checkable](Node::is_checkable), and of these [checked](Node::is_checked).
+    /// Number of these that are [checkable](Node::is_checkable), and of these [checked](Node::is_checked).
     pub checkable: usize,
     /// See `checkable`.
     pub checked: usize,
     /// The largest protection levels of those that are checked.
     pub protection: Option<Protection>,
-    /// Whether true errors are known and are not what the sigmas foretell: one is beyond five of
-    /// them, or all together are too large. Whoever relies on such poses is deceived.
+    /// True if true errors are known and are not what the sigmas foretell: one is beyond five of them, or all
+    /// together are too large. Such poses deceive those who rely on them.
     pub deceives: bool,
-    /// What is the matter with single cameras, by ascending number.
+    /// Problems of single cameras, by ascending number.
     pub findings: Vec<Finding>,
-    /// What is the matter with most of them.
+    /// Problems of most of them.
     pub common: Vec<Common>,
     /// Targets that never joined their network, by ascending number.
     pub absent: Vec<u16>,
@@ -64,16 +64,16 @@ pub struct Verdict {
     is_rehearsal: bool,
 }
 
-/// What is the matter with a camera.
+/// Problem of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Which.
+    /// Number of the camera.
     pub camera: u16,
-    /// What.
+    /// Kind of problem.
     pub trouble: Trouble,
 }
 
-/// What can be the matter with a camera.
+/// Kinds of problems of a camera.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Trouble {
@@ -89,8 +89,7 @@ pub enum Trouble {
     TooFew(usize),
     /// No pose: the solver refused its sightings.
     Refused(Refusal),
-    /// No pose: nobody knows where the target stands before the reference cameras know where they
-    /// look.
+    /// No pose: the target's places are not known before the reference cameras know where they look.
     NoReferences,
     /// No pose: its network has no references, and no target has come from another network.
     NoTarget,
@@ -102,9 +101,9 @@ pub enum Trouble {
         ratio: Option<f64>,
         /// Predicted, of the position.
         sigma_position: f64,
-        /// What it is because of, where a rehearsal tells.
+        /// Cause, where a rehearsal tells it.
         cause: Option<Cause>,
-        /// How many of how many sightings agree with all that was measured, where some do not.
+        /// Number of sightings that agree with all measurements, and number of all, where some do not.
         agreeing: Option<[usize; 2]>,
     },
     /// Its sightings contradict the configured lens, and fit this one.
@@ -120,15 +119,15 @@ pub enum Trouble {
     Wild {
         /// At which stop.
         stop: u32,
-        /// How far.
+        /// Size of the error.
         sigmas: f64,
     },
-    /// It is calibrated, but one wrong measurement that nobody noticed could do more than is
+    /// It is calibrated, but one unnoticed wrong measurement could do more than is
     /// [tolerated](super::Limits::tolerate).
     Unchecked {
-        /// How much; `None` if no target has said that yet.
+        /// Protection level; `None` if no target has told it yet.
         protection: Option<Protection>,
-        /// Which measurement could do most, where that is known.
+        /// Measurement that could do most, where that is known.
         weakness: Option<Weakness>,
     },
     /// Its pose is this many predicted sigmas off the truth: beyond five, as chance allows in one of
@@ -136,18 +135,18 @@ pub enum Trouble {
     Deceives(f64),
 }
 
-/// What could be wrong without anybody's noticing.
+/// Measurement that could be wrong unnoticed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Weakness {
     /// A sighting of a camera, which has too few.
     Sightings {
-        /// Which camera.
+        /// Number of the camera.
         camera: u16,
     },
     /// The way that a target measured from one stop to another: nothing else says how far apart these
     /// are.
     Leg {
-        /// Which target.
+        /// Number of the target.
         target: u16,
         /// The stop from which it leads.
         from: u32,
@@ -160,13 +159,13 @@ pub enum Weakness {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// It does not see the target where it is: its lens, or what it takes for the target.
+    /// It does not see the target where it is: its lens, or the colour that it takes for the target's.
     Sight,
     /// The target was not where it believed to be.
     Carrier,
 }
 
-/// What can be the matter with the whole network.
+/// Kinds of problems of the whole network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Common {
@@ -178,7 +177,7 @@ pub enum Common {
     Carrier(u16, f64),
     /// Residuals are this many times larger than foretold, for whatever reason.
     Misfit(f64),
-    /// This reference camera of a network in which nobody has a pose is not there: no other gets one.
+    /// This reference camera of a network in which no camera has a pose is not there: no other gets one.
     Reference(u16),
     /// No pose of this network is checked: no target estimated its cameras together.
     Unchecked(u16),
@@ -186,18 +185,18 @@ pub enum Common {
     UncheckedGuests(u16),
     /// True errors are this many times larger than foretold.
     Overconfident(f64),
-    /// True errors are this many times smaller than foretold. Nobody is deceived by that.
+    /// True errors are this many times smaller than foretold. This deceives no reader.
     Underconfident(f64),
 }
 
 /// A node whose firmware could not go on, and was started again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failing {
-    /// Which.
+    /// Number of the node.
     pub node: u16,
-    /// What it is.
+    /// Role of the node.
     pub role: Role,
-    /// How often.
+    /// Number of times.
     pub times: usize,
     /// Why, the last time.
     pub why: String,
@@ -309,18 +308,18 @@ impl Verdict {
         }
     }
 
-    /// Whether every camera that should be calibrated is.
+    /// Returns true if every camera that should be calibrated is.
     pub fn is_complete(&self) -> bool {
         self.calibrated == self.expected
     }
 
-    /// Whether every pose that is estimated is checked too.
+    /// Returns true if every pose that is estimated is checked too.
     pub fn is_checked(&self) -> bool {
         self.checked == self.checkable
     }
 
-    /// Whether every camera that should be calibrated is, and no true error is known that the sigmas
-    /// do not foretell.
+    /// Returns true if every camera that should be calibrated is, and no true error is known that the sigmas do
+    /// not foretell.
     pub fn is_good(&self) -> bool {
         self.is_complete() && !self.deceives
     }
@@ -331,7 +330,7 @@ impl Verdict {
     }
 }
 
-/// Of the poses of a network that nobody checked: why, and where to stop next.
+/// Poses of a network that are not checked: the reasons, and where to stop next.
 #[derive(Clone, Debug, Default)]
 struct Unchecked {
     troubles: Vec<(u16, Trouble)>,
@@ -372,7 +371,7 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     }
 }
 
-/// What is the matter with a camera that should be calibrated.
+/// Problems of a camera that should be calibrated.
 fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Trouble> {
     let mut troubles = Vec::new();
     let Some(estimate) = &camera.estimate else {
@@ -445,15 +444,15 @@ fn why_no_pose(record: &RunRecord, networks: &Networks, camera: &Node) -> Troubl
     }
 }
 
-/// What of a network decides for all its cameras.
+/// Facts about a network that decide for all its cameras.
 struct Networks {
     /// The references have no answer.
     unanswered: BTreeSet<u16>,
     /// A reference never joined.
     halved: BTreeSet<u16>,
-    /// There are no references, as there are in another network, and nobody saw anything.
+    /// There are no references, as there are in another network, and no camera saw anything.
     awaiting: BTreeSet<u16>,
-    /// Some target joined, or nobody knows.
+    /// Some target joined, or it is not known whether one did.
     visited: BTreeSet<u16>,
 }
 
@@ -490,8 +489,8 @@ impl Networks {
         cameras.map(|camera| camera.id)
     }
 
-    /// What a camera of which this was found asks for. Where to stop is not what is the matter with
-    /// whoever never joined, and the references see nothing together while one of them is missing.
+    /// Wish of a camera with these problems. A stop does not help a camera that never joined, and the references
+    /// see nothing together while one of them is missing.
     fn wish<'a>(&self, camera: &'a Node, troubles: &[Trouble]) -> Option<Wish<'a>> {
         let network = &camera.network;
         let in_pair = camera.reference && self.unanswered.contains(network);
@@ -508,7 +507,7 @@ impl Networks {
     }
 }
 
-/// Whether a reference camera cannot do its duty.
+/// Returns true if a reference camera cannot do its duty.
 fn is_gone(camera: &Node) -> bool {
     camera.never_joined()
         || camera.silent
@@ -517,7 +516,7 @@ fn is_gone(camera: &Node) -> bool {
 }
 
 impl Trouble {
-    /// Whether one more stop would help.
+    /// Returns true if one more stop would help.
     fn asks_for_a_stop(&self) -> bool {
         matches!(
             self,
@@ -530,7 +529,7 @@ impl Trouble {
         )
     }
 
-    /// Whether no stop at all would help.
+    /// Returns true if no stop at all would help.
     fn is_hopeless(&self) -> bool {
         matches!(
             self,

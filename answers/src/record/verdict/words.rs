@@ -9,14 +9,13 @@ use super::{
     Cause, Common, Failing, Finding, InView, NextStop, Protection, Role, Trouble, Verdict, Weakness,
 };
 
-/// What to look at, in a rehearsal and of a real node.
+/// Things to look at, in a rehearsal and of a real node.
 const NEVER_JOINED: [&str; 2] = [
     "it never joined: look at `radio`, at distances and at events",
     "it never joined: check its power, its site key, the join window and its distance",
 ];
 
-/// A status, with the reason where there is one, as people are told: what is the matter and what to
-/// do.
+/// A status in words for people, with the reason where there is one: the problem and what to do.
 pub fn status_words(status: Status, reason: Option<Refusal>) -> String {
     match (status, reason) {
         (Status::Refused, Some(refusal)) => format!("no pose: {refusal}"),
@@ -28,7 +27,7 @@ pub fn status_words(status: Status, reason: Option<Refusal>) -> String {
     }
 }
 
-/// What is the matter with a node, as it says itself, and what to do.
+/// Description of a node's health, as it says itself, with advice.
 pub fn health_words(health: &Health) -> String {
     let memory = match health.memory {
         Memory::Flash => None,
@@ -209,7 +208,7 @@ pub fn half_turn(heading_deg: f64) -> f64 {
     heading_deg.min(180.0)
 }
 
-/// Whether a pose is checked, in words: what one wrong measurement could do to it.
+/// Describes whether a pose is checked: what one wrong measurement could do to it.
 pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -> String {
     match level {
         Some(level) => {
@@ -219,7 +218,7 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
             } = level;
             let not = if is_tolerated { "" } else { "not " };
             format!(
-                "{not}checked: one wrong measurement that nobody noticed could move it by \
+                "{not}checked: one wrong measurement that was not noticed could move it by \
                  {position:.2} {unit} and turn it by {:.1} deg",
                 half_turn(*heading_deg)
             )
@@ -228,7 +227,7 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
     }
 }
 
-/// What to do about a weakness of this camera's pose, or of several.
+/// Remedy for a weakness of this camera's pose, or of several.
 struct Remedy<'a>(&'a Verdict, Option<Weakness>, Option<u16>);
 
 impl fmt::Display for Remedy<'_> {
@@ -248,7 +247,7 @@ impl fmt::Display for Remedy<'_> {
     }
 }
 
-/// A stop of a target, and where that is: nobody knows its number by heart.
+/// Stop of a target with its place: its number alone tells a reader little.
 struct AtStop<'a>(&'a Verdict, u16, u32);
 
 impl fmt::Display for AtStop<'_> {
@@ -273,7 +272,7 @@ impl fmt::Display for Told<'_> {
 }
 
 impl Verdict {
-    /// What is the matter with one camera, and what to do, without its name.
+    /// Description of one camera's problem, with advice, without its name.
     pub fn words_on(&self, finding: &Finding) -> String {
         if let Trouble::Unchecked {
             protection,
@@ -293,7 +292,7 @@ impl Verdict {
         NEVER_JOINED[usize::from(!self.is_rehearsal)]
     }
 
-    /// What is not checked, told together where one stop helps several.
+    /// Writes the unchecked poses, together where one stop helps several.
     fn write_unchecked(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut by_weakness = BTreeMap::<_, Vec<(u16, Option<Protection>)>>::new();
         for Finding { camera, trouble } in &self.findings {
@@ -350,7 +349,7 @@ impl Verdict {
         writeln!(f, "({:.1}, {:.1}), in view of {seen_by}", stop.x, stop.y)
     }
 
-    /// What checked poses are worth.
+    /// Writes the protection of checked poses.
     fn write_protection(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(Protection {
             position,
@@ -361,7 +360,7 @@ impl Verdict {
         };
         writeln!(
             f,
-            "  Checked: one wrong measurement that nobody noticed moves such a pose by {position:.2} {} \
+            "  Checked: one wrong measurement that was not noticed moves such a pose by {position:.2} {} \
              and turns it by {heading_deg:.1} deg at most.",
             self.unit
         )

@@ -16,7 +16,7 @@ use crate::{
 /// Unknowns of the largest problem.
 const MOST: usize = 6;
 
-/// How a least-squares solve walks from its closed-form start to the minimum.
+/// Way of a least-squares solve from its closed-form start to the minimum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
@@ -102,10 +102,10 @@ impl<T: Real> Quadratic<'_, T> {
     }
 }
 
-/// How far one number of the diagonal is from the one before.
+/// Distance from one number of the diagonal to the next.
 #[inline(always)]
 fn next_diagonal(n: usize) -> usize {
-    // Never zero, so that nobody needs to ask.
+    // Never zero, so that no caller needs to ask.
     n.saturating_add(1)
 }
 
@@ -123,8 +123,8 @@ pub(crate) trait Problem<T> {
 // Walked in place: its frame is one of the largest.
 pub(crate) struct Descent<T: Real, const P: usize> {
     pub x: SVector<T, P>,
-    /// Of where it last looked around, as the two below: at the end within the last, tiny step of
-    /// `x`.
+    /// Model of the place where it last looked around, as the two below: at the end within the last, tiny
+    /// step of `x`.
     pub hessian: SMatrix<T, P, P>,
     gradient: SVector<T, P>,
     pub cost: T,
@@ -219,7 +219,7 @@ fn walk<T: Real>(
     Err(Refusal::DidNotConverge)
 }
 
-/// What a walk remembers from step to step. It knows no problem, so that a node has its code once.
+/// Memory of a walk from step to step. It knows no problem, so that a node has its code once.
 struct Pace<T> {
     damping: T,
     /// The cost before the last step.
@@ -227,7 +227,7 @@ struct Pace<T> {
     flat_steps: usize,
 }
 
-/// The full step, which may not exist, and what it is worth.
+/// The full step, which may not exist, and its worth.
 struct Newton<T> {
     step: Option<[T; MOST]>,
     /// By how much the cost would fall, in squared sigmas.
@@ -299,7 +299,7 @@ fn go<T: Real>(x: &mut [T], direction: &[T], length: T) {
     }
 }
 
-/// Where that leads.
+/// The place that this leads to.
 fn moved<T: Real>(x: &[T], direction: &[T; MOST], length: T) -> [T; MOST] {
     let mut next = [T::zero(); MOST];
     for (next, x) in next.iter_mut().zip(x) {
@@ -338,7 +338,7 @@ fn damped<T: Real>(
     None
 }
 
-/// Where the step with this damping leads.
+/// The place that the step with this damping leads to.
 #[inline(never)] // for less flash
 fn trial<T: Real>(x: &[T], model: &Quadratic<'_, T>, damping: T) -> Option<[T; MOST]> {
     Some(moved(x, &model.step(damping)?, T::one()))

@@ -66,7 +66,7 @@ impl<C: Fn(f64) -> f64> Problem<f64> for MadeUp<C> {
     }
 }
 
-/// Where a walk from zero ends, and after how many steps.
+/// The place where a walk from zero ends, and the number of its steps.
 fn made_up(
     gradient: f64,
     costs: &[f64],
@@ -116,7 +116,7 @@ fn a_step_solves_the_damped_normal_equations() {
     }
 }
 
-/// Of residuals that are linear the model is exact.
+/// For linear residuals the model is exact.
 #[test]
 fn full_steps_solve_a_linear_problem_at_once() {
     let slopes = [Vector2::new(2.0, 1.0), Vector2::new(-1.0, 3.0)];
@@ -136,9 +136,8 @@ fn full_steps_solve_a_linear_problem_at_once() {
     }
 }
 
-/// Unknowns that know nothing of each other are solved by one step against the gradient, for
-/// they are scaled to equal curvature. Of others the step ends where the cost is least along
-/// it: the slope there is across it.
+/// Independent unknowns are solved by one step against the gradient, for they are scaled to equal curvature.
+/// For others the step ends where the cost is least along it: the slope there is across it.
 #[test]
 fn steepest_descent_takes_the_step_of_cauchy() {
     let scales = [1e3, 1e-2];

@@ -14,7 +14,7 @@ const RUNS: u64 = 500;
 /// A mean of chi squared variables: sum, and degrees of freedom.
 #[derive(Default)]
 struct Nees {
-    /// One sum a run: what one run says is not independent.
+    /// One sum for each run: the errors of one run are not independent.
     runs: Vec<(f64, f64)>,
 }
 

@@ -113,10 +113,10 @@ fn a_wrong_bearing_is_found() {
     assert!(found > 10);
 }
 
-/// What stands for the first camera that was moved.
+/// Camera that stands for the first one that was moved.
 const SPARE: usize = 8;
 
-/// As a node sees it, stop after stop: what is found, and at which stop. A camera that was moved is
+/// As a node sees it, stop after stop: the findings, and their stops. A camera that was moved is
 /// another one from then on.
 fn walked(walk: &Walk) -> (Joint<f32>, Vec<(usize, Finding<f32>)>) {
     let mut spare = SPARE;
@@ -148,7 +148,7 @@ fn walked(walk: &Walk) -> (Joint<f32>, Vec<(usize, Finding<f32>)>) {
     (joint, found)
 }
 
-/// How a fault campaign went.
+/// Result of a fault campaign.
 #[derive(Debug, Default)]
 struct Campaign {
     walks: usize,
@@ -163,8 +163,8 @@ struct Campaign {
     spoiled: usize,
     /// Walks on which it was named at the second sighting after the fault, or at the first.
     within_two: usize,
-    /// What stands for the faulty one since: how many have a pose, and how many of these are more than
-    /// five sigmas off.
+    /// Cameras that stand for the faulty one since: the number with a pose, and the number of these that are
+    /// more than five sigmas off.
     again: usize,
     again_wrong: usize,
 }
@@ -224,7 +224,7 @@ fn campaign(turn: f64, fault: impl Fn(&mut Walk, usize, usize)) -> Campaign {
     campaign
 }
 
-/// Bumped by some degrees half way: named at once, and calibrated again from what it sees since.
+/// Bumped by some degrees half way: named at once, and calibrated again from its later sightings.
 #[test]
 fn a_bumped_camera_is_named() {
     for degrees in [3.0_f64, 15.0] {

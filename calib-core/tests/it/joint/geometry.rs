@@ -1,4 +1,4 @@
-//! Exact answers, the frame, and what cannot be answered.
+//! Exact answers, the frame, and questions that cannot be answered.
 
 use calib_core::{
     Limits, Refusal,
@@ -13,7 +13,7 @@ use test_support::{
 
 use crate::joint::support::{Joint, WIDE, filled, memory};
 
-/// What would be measured without noise.
+/// The measurements without noise.
 fn exact(seed: u64, scale: f64, compass: f64) -> Walk {
     let mut walk = Walk::random(&mut generator(seed), 8, 16, CarrierErrors::UNKNOWN, 0.0024);
     walk.carrier = [scale, compass];
@@ -31,7 +31,7 @@ fn exact(seed: u64, scale: f64, compass: f64) -> Walk {
             }
         })
         .collect();
-    // So that the priors pull no more than the tests notice.
+    // So that the pull of the priors is too small for the tests.
     walk.errors.scale = 0.29;
     walk.errors.compass = 0.29;
     walk
@@ -53,7 +53,7 @@ proptest! {
         prop_assert!((carrier.compass - compass).abs() < 0.2 * carrier.sigma_compass() + 1e-9);
         for (n, truth) in walk.cameras.iter().enumerate() {
             let Ok(pose) = joint.pose(n) else { continue };
-            // Of the posterior sigma, what the priors pull is a small part.
+            // The pull of the priors is a small part of the posterior sigma.
             prop_assert!((pose.position - truth.position()).norm() < 0.2 * pose.sigma_position() + 1e-9);
             prop_assert!(turn(pose.heading, truth.heading).abs() < 0.2 * pose.sigma_heading() + 1e-9);
         }
@@ -83,7 +83,7 @@ proptest! {
         }
     }
 
-    /// No number that is put in makes it panic, or answer with what is no number.
+    /// No number that is put in makes it panic, or answer with a value that is no number.
     #[test]
     fn wild_numbers_are_refused_or_answered(
         numbers in prop::collection::vec(prop::num::f32::ANY, 60),
@@ -189,7 +189,7 @@ fn cameras_seen_twice_or_from_one_place_wait() {
     assert!(joint.pose(3).is_ok());
 }
 
-/// One with exactly three bearings has a pose, and nobody else's changes.
+/// A camera with exactly three bearings has a pose, and no other camera's pose changes.
 #[test]
 fn three_bearings_tell_nothing_about_others() {
     let walk = Walk::random(&mut generator(11), 8, 16, CarrierErrors::UNKNOWN, 0.0024);
@@ -285,7 +285,7 @@ fn a_split_camera_is_two() {
     let mut expected = filled::<f64>(&renamed, WIDE);
     expected.solve().unwrap();
 
-    // One of its bearings is told after the split, one of before the move too.
+    // One of its bearings is told after the split, also one from before the move.
     let is_late = |seen: &&SeenAt| seen.camera == camera;
     let late: Vec<_> = walk
         .bearings
@@ -327,8 +327,8 @@ fn a_split_camera_is_two() {
     }
 }
 
-/// A stop to which nothing was measured, and where no camera saw the target, is named with what hangs on it, and
-/// nothing else is worse for it.
+/// A stop to which nothing was measured, and where no camera saw the target, is named with all that depends
+/// on it, and nothing else is worse for it.
 #[test]
 fn what_is_not_determined_is_named() {
     let walk = Walk::random(&mut generator(7), 8, 16, CarrierErrors::UNKNOWN, 0.0024);
@@ -350,7 +350,7 @@ fn what_is_not_determined_is_named() {
     for stop in [lost, after] {
         assert_eq!(joint.place(stop), Err(Refusal::Undetermined));
     }
-    // The way between both is what was measured of it, and nothing checks that.
+    // The way between both is the measured one, and nothing checks that.
     let between = joint.leg_residual(after).unwrap();
     assert_eq!(between.degrees_of_freedom, 0);
     assert!(joint.place(lost - 1).is_ok() && joint.carrier().is_ok());

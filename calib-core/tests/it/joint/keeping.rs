@@ -120,7 +120,7 @@ fn what_moved_is_told() {
     }
 }
 
-/// A target that stands where it stood is known by what everybody sees, and by nothing less.
+/// A target that stands where it stood is known by the sightings of all cameras, and by nothing less.
 #[test]
 fn a_stop_that_repeats_the_one_before_is_known() {
     let mut known = 0;
@@ -258,8 +258,8 @@ fn a_walk_is_taken_up_again() {
     }
 }
 
-/// The power failed while a stop was taken out: what is written of it, and of the one after it, are
-/// of two times. A leg that began elsewhere is none, and never one from a wrong place.
+/// The power failed while a stop was taken out: the records of it, and of the one after it, are of two times.
+/// A leg that began elsewhere is none, and never one from a wrong place.
 #[test]
 fn a_leg_from_elsewhere_is_none() {
     let walk = walk(2);
@@ -274,7 +274,7 @@ fn a_leg_from_elsewhere_is_none() {
         joined.displacement,
         before[6].unwrap().displacement + before[7].unwrap().displacement
     );
-    // Of the removed one the record is gone, or still there; of the next one it is new, or old.
+    // The record of the removed one is gone, or still there; that of the next one is new, or old.
     for is_there in [false, true] {
         for is_new in [false, true] {
             let mut restored = filled::<f64>(&walk, WIDE);

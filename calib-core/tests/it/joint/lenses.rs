@@ -32,8 +32,8 @@ fn nees(joint: &mut Joint<f32>, walk: &Walk, camera: usize) -> f64 {
     nees.unwrap().into()
 }
 
-/// Of a reference or another camera. The prior, 2.5 of whose sigmas the lens is off, pulls by what the
-/// sightings leave open; the pose is right, and wrong where the lens is believed.
+/// For a reference or another camera. The prior, 2.5 of whose sigmas the lens is off, pulls as far as the
+/// sightings leave it open; the pose is right, and wrong where the lens is believed.
 #[test]
 fn a_lens_of_other_width_is_found() {
     let (mut squares, mut expected) = (0.0, 0.0);
@@ -80,7 +80,7 @@ fn a_lens_of_other_width_is_found() {
     assert!(right < 1.6 * poses && believed > 5.0 * poses, "{text}");
 }
 
-/// Three bearings carry no fourth unknown: the lens stays what it was believed to be, and the pose is
+/// Three bearings carry no fourth unknown: the lens stays the stated one, and the pose is
 /// the less certain for that.
 #[test]
 fn three_bearings_leave_the_lens_to_its_prior() {
@@ -110,7 +110,7 @@ fn three_bearings_leave_the_lens_to_its_prior() {
     assert!(cameras > 15, "{cameras}");
 }
 
-/// Another lens than was said, and the ordinary spread of lenses.
+/// A lens other than the stated one, and the ordinary spread of lenses.
 #[test]
 fn a_lens_that_is_another_one_is_named() {
     let (mut named, mut others, mut cameras) = (0, 0, 0);
@@ -135,7 +135,7 @@ fn a_lens_that_is_another_one_is_named() {
             }
         }
     }
-    // The worst of its bearings are left out at first, and what is left may say too little.
+    // The worst of its bearings are left out at first, and the rest may say too little.
     assert!(
         cameras > 20 && named * 10 >= cameras * 6,
         "{named} of {cameras}"

@@ -8,7 +8,7 @@ use test_support::{
 
 use crate::joint::support::{WIDE, add, filled};
 
-/// Of a range: a blob some thirty pixels high.
+/// Sigma of a range as a share of it: a blob some thirty pixels high.
 const SHARE: f64 = 0.03;
 
 fn ranged(seed: u64) -> Walk {
@@ -17,7 +17,7 @@ fn ranged(seed: u64) -> Walk {
     walk
 }
 
-/// The target is carried to a place, by a way that nobody measured, where one camera sees it.
+/// The target is carried to a place, by a way that was not measured, where one camera sees it.
 #[test]
 fn one_camera_with_a_range_localises_the_target() {
     let (mut sum, mut degrees) = (0.0, 0.0);

@@ -74,7 +74,7 @@ fn slices_are_the_same_as_one_stretch() {
         let (mut sliced, mut whole) = (begun(&walk, 20), begun(&walk, 20));
         sliced.begin(ALL);
         let (found, solution, slices) = finish(&mut sliced);
-        // Each stop is looked at once more for what was found, and passes are one by one.
+        // Each stop is looked at once more for each finding, and passes are one by one.
         assert!(slices > solution.passes + 20 * (1 + found.len()), "{seed}");
 
         whole.solve().unwrap();

@@ -39,7 +39,7 @@ pub(crate) fn memory<T: Real>(
     }
 }
 
-/// Limits that keep nobody out.
+/// Limits that keep no camera out.
 pub(crate) const WIDE: Limits<f64> = Limits {
     position: 3.0,
     heading: 0.5,

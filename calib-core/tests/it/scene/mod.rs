@@ -1,4 +1,4 @@
-//! Cameras whose truth is known, and what they see.
+//! Cameras whose truth is known, and their sightings.
 
 use calib_core::{Ray, Sighting};
 use nalgebra::Point2;

@@ -21,7 +21,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-/// What the printed residuals are made of.
+/// Inputs of the printed residuals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Offsets {
     /// `phi_0^0` and `phi_0^1`: camera 0 at both stops, radians, signed.

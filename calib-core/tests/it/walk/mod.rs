@@ -8,7 +8,7 @@ pub(crate) fn unit(angle: f64) -> Vector2<f64> {
     Vector2::new(angle.cos(), angle.sin())
 }
 
-/// Errors far smaller than a person's: what is tested is first order.
+/// Errors far smaller than a person's: the tests are of first order.
 pub(crate) fn step(distance: f64, heading: f64) -> Step<f64> {
     Step {
         distance,
@@ -18,7 +18,7 @@ pub(crate) fn step(distance: f64, heading: f64) -> Step<f64> {
     }
 }
 
-/// A target whose sensor errs: the track follows what is measured, `truth` what is walked.
+/// A target whose sensor errs: the track follows the measurements, `truth` the walk.
 pub(crate) struct Walk {
     pub(crate) track: Track<f64>,
     pub(crate) truth: Point2<f64>,

@@ -29,10 +29,10 @@ struct State {
     incoming: RefCell<VecDeque<(u64, u8)>>,
     /// Reads return so many bytes at most.
     chunk: Cell<usize>,
-    /// Whether anything may be sent without a script.
+    /// True if anything may be sent without a script.
     deaf: Cell<bool>,
     fail_read: Cell<bool>,
-    /// What a line that never falls silent carries.
+    /// Byte that a line that never falls silent carries.
     babble: Cell<Option<u8>>,
 }
 
@@ -299,7 +299,7 @@ impl embedded_hal::delay::DelayNs for MockDelay {
 }
 
 impl embedded_hal_async::delay::DelayNs for MockDelay {
-    /// Time passes a little each time somebody looks at it.
+    /// Time passes a little each time it is looked at.
     async fn delay_ns(&mut self, ns: u32) {
         let until = self.0.now.get() + u64::from(ns / 1_000);
         std::future::poll_fn(|_| {

@@ -1,16 +1,16 @@
-//! A camera as somebody writes it who has only the manual: it takes a line, looks at its two letters,
-//! prints. It knows nothing of the driver, and of what it is not asked for it keeps nothing.
+//! A camera as written by an engineer who has only the manual: it takes a line, looks at its two letters,
+//! prints. It knows nothing of the driver, and keeps nothing that it is not asked for.
 //!
-//! What it sees is one orange ball, a little further right in each frame.
+//! Its view is one orange ball, a little further right in each frame.
 
 use std::collections::VecDeque;
 
-/// What cameras and cables of this kind are known to do besides. None of it is refused by the manual.
+/// Further known habits of cameras and cables of this kind. None of them contradicts the manual.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Habits {
-    /// Whatever is sent comes back.
+    /// Every byte that is sent comes back.
     pub(crate) echoes: bool,
-    /// What stands after ACK and NCK, and behind packets.
+    /// Bytes behind ACK and NCK, and behind packets.
     pub(crate) end_of_line: &'static str,
     pub(crate) prompt: &'static str,
     /// Before each reply.
@@ -74,7 +74,7 @@ pub(crate) struct Camera {
     habits: Habits,
     line: String,
     busy: Busy,
-    /// Bytes under way, and when they are through.
+    /// Bytes under way, and the times when they are through.
     out: VecDeque<(u64, u8)>,
     bounds: [i32; 6],
     learnt: bool,
@@ -186,7 +186,7 @@ impl Camera {
         match self.busy {
             Busy::Asleep => self.busy = Busy::Waiting,
             Busy::Sending(..) => {
-                // What has not left it is dropped, wherever it was in its packet.
+                // Bytes that have not left it are dropped, anywhere in its packet.
                 self.out.retain(|&(at, _)| at <= now + 4 * BYTE_US);
                 self.busy = Busy::Waiting;
                 self.late_packet = self.habits.interrupts_itself;

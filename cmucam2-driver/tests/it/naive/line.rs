@@ -132,7 +132,7 @@ impl embedded_hal::delay::DelayNs for Line {
 }
 
 impl embedded_hal_async::delay::DelayNs for Line {
-    /// Time passes while somebody looks at it.
+    /// Time passes while it is looked at.
     async fn delay_ns(&mut self, ns: u32) {
         let until = self.0.now() + u64::from(ns / 1_000);
         poll_fn(|_| {

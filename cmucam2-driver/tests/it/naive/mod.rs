@@ -1,5 +1,5 @@
-//! Every dialogue of the driver with a camera of another mind: one that shares no code with the driver
-//! or the emulator, prints what the manual says, and is sloppy where real ones are.
+//! Every dialogue of the driver with an independent camera: one that shares no code with the driver or the
+//! emulator, prints what the manual says, and is sloppy where real ones are.
 
 mod camera;
 mod line;
@@ -32,7 +32,7 @@ fn nothing() -> ColourBounds {
     ColourBounds::new([16, 20, 16, 20, 16, 20]).unwrap()
 }
 
-/// Each thing that real cameras do, alone, then all that go together.
+/// Each habit of real cameras, alone, then all that go together.
 fn all_habits() -> Vec<(&'static str, Habits)> {
     let sloppy = Habits {
         echoes: true,
@@ -215,7 +215,7 @@ macro_rules! dialogues {
     )* };
 }
 
-/// The ball is there, and is what the camera sees of it.
+/// The ball is there, and the packet shows it.
 fn assert_ball(seen: Option<Tracking>, habits: &Habits, what: &str) {
     let found = seen.and_then(|seen| seen.bounding_box()).expect(what);
     assert_eq!(
@@ -369,7 +369,7 @@ dialogues! {
     }
 
     fn packets_in_bytes<D>(device, world, habits, what) {
-        // What comes after a line of text does not come after bytes.
+        // Bytes behind a line of text do not come behind raw bytes.
         D::drive(device.set(Command::RawMode(RawMode::OUTPUT))).expect(what);
         D::drive(device.track_colour(ball())).expect(what);
         for _ in 0..5 {

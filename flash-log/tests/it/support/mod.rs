@@ -21,29 +21,29 @@ pub const fn length(pages: usize) -> u32 {
     (pages * PAGE) as u32
 }
 
-/// An erased chip of so many pages, with which nobody has to wait.
+/// An erased chip of so many pages, whose operations take no time.
 pub fn chip(pages: usize, seed: u64) -> Flash {
     Flash::without_time(pages, ChaCha8Rng::seed_from_u64(seed))
 }
 
-/// What a worn flash does with a write or an erasure.
+/// Reaction of a worn flash to a write or an erasure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// It does nothing, and says that it failed.
     Fails,
     /// It does nothing, and says that it is done.
     Lost,
-    /// Some bits of what is written stick; an erasure is as lost.
+    /// Some bits of the written bytes stick; an erasure is as lost.
     Sticks,
 }
 
-/// How worn a flash is. By default not at all.
+/// Wear of a flash. By default none.
 #[derive(Clone, Default)]
 pub struct Faults(Rc<RefCell<Option<Wear>>>);
 
 struct Wear {
     fault: Fault,
-    /// Of so many operations each.
+    /// Share of the operations.
     share: f64,
     range: Range<u32>,
     random: ChaCha8Rng,
@@ -65,7 +65,7 @@ impl Faults {
         self.0.take();
     }
 
-    /// Whether operations fail there.
+    /// Returns true if operations fail there.
     pub fn are_at(&self, at: u32) -> bool {
         let wear = self.0.borrow();
         wear.as_ref().is_some_and(|wear| wear.range.contains(&at))
@@ -124,7 +124,7 @@ impl NorFlash for Faulty {
         let at = offset as usize;
         let end = at + bytes.len();
         if !self.flash.bytes()[at..end].iter().all(|&byte| byte == 0xFF) {
-            // Over what could not be erased: of a real flash the bits that fall.
+            // Over bytes that could not be erased: of a real flash the bits that fall.
             let mut all = self.flash.bytes_mut();
             for (old, new) in all[at..end].iter_mut().zip(bytes) {
                 *old &= new;

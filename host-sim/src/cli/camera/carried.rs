@@ -12,7 +12,7 @@ pub(super) trait OnLine: Send {
     fn receive(&mut self, byte: u8, at: Time);
     /// The next byte for the host that is complete by now.
     fn transmit(&mut self, now: Time) -> Option<u8>;
-    /// When something happens next without the host.
+    /// Time at which something happens next without the host.
     fn next_deadline(&self) -> Option<Time>;
     /// The host changes its rate. False: nothing is understood at this one.
     fn set_host_baud(&mut self, baud: u32) -> bool;
@@ -62,7 +62,7 @@ impl OnLine for Pixy2 {
     }
 }
 
-/// It, and bytes that are on their way to it.
+/// A camera, and bytes that are on their way to it.
 pub(super) struct Carried<C> {
     pub(super) camera: C,
     host_baud: u32,
@@ -72,7 +72,7 @@ pub(super) struct Carried<C> {
 }
 
 impl<C: OnLine> Carried<C> {
-    /// The host has the camera's rate.
+    /// Makes a line on which the host has the camera's rate.
     pub(super) fn new(camera: C, baud: u32) -> Self {
         Self {
             camera,
@@ -100,18 +100,18 @@ impl<C: OnLine> Carried<C> {
         }
     }
 
-    /// When the line has carried all that the host said.
+    /// Time at which the line has carried all that the host said.
     pub(super) fn busy_until(&self, now: Time) -> Time {
         self.incoming.back().map_or(now, |&(at, _)| at.max(now))
     }
 
-    /// When something happens next.
+    /// Time at which something happens next.
     pub(super) fn next(&self) -> Option<Time> {
         let arrival = self.incoming.front().map(|&(at, _)| at);
         arrival.into_iter().chain(self.camera.next_deadline()).min()
     }
 
-    /// Goes on until now; the bytes that have come to the host.
+    /// Goes on until now; returns the bytes that have come to the host.
     pub(super) fn advance(&mut self, now: Time) -> Vec<u8> {
         while let Some((at, byte)) = self.incoming.pop_front_if(|(at, _)| *at <= now) {
             self.camera.receive(byte, at);

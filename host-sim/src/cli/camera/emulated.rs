@@ -17,14 +17,14 @@ use super::{
     carried::{Carried, OnLine, Pixy2},
 };
 
-/// Options of `host-sim camera` that it can have.
+/// Options of `host-sim camera` that an emulated camera can have.
 const OPTIONS: [&str; 7] = [
     "baud", "fault", "scene", "seed", "sensor", "switch", "taught",
 ];
 /// In the place of an option: bytes that another program has sent before, with escapes as in Rust.
 const HEARD: &str = "heard";
 
-/// What is read blindly waits at most so long, as on a port.
+/// A blind read waits at most so long, as on a port.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 #[derive(Parser)]
@@ -38,14 +38,14 @@ struct Options {
 struct Virtual<C> {
     line: Carried<C>,
     now: Time,
-    /// Come, and not read yet.
+    /// Bytes that have come and are not read yet.
     come: VecDeque<u8>,
 }
 
-/// A camera as `host-sim camera` makes it of the same options, each `NAME=VALUE` here.
+/// Makes a camera as `host-sim camera` makes it of the same options, each `NAME=VALUE` here.
 ///
 /// # Errors
-/// The first option that is none, or that the camera has not.
+/// The first option that does not exist, or that this camera does not have.
 pub(in crate::cli) fn wire(
     is_pixy2: bool,
     options: &[String],
@@ -125,7 +125,7 @@ fn nanoseconds(time: Duration) -> Time {
 }
 
 impl<C: OnLine + 'static> Virtual<C> {
-    /// It was switched on a while ago, and has understood the other program before.
+    /// Starts with a camera that was switched on a while ago and has already understood the other program.
     fn begin(camera: C, (baud, host_baud): (u32, u32), heard: &[u8]) -> Arc<Mutex<dyn Wire>> {
         let mut this = Self {
             line: Carried::new(camera, baud),

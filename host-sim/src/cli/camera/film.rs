@@ -25,16 +25,16 @@ pub(super) struct Film {
 
 #[derive(Default)]
 struct Newest {
-    /// Until somebody has taken it.
+    /// The newest picture, until the camera has taken it.
     picture: Option<Arc<Picture>>,
-    /// There is no more.
+    /// Set when there are no more pictures.
     end: Option<Result<(), VideoError>>,
 }
 
 impl Film {
-    /// Reads the first picture, and has the others read.
+    /// Reads the first picture, and starts a thread that reads the others.
     ///
-    /// A file is shown at its rate. Of what comes through a pipe, whoever writes it has set the pace.
+    /// A file is shown at its rate. The program that writes a pipe sets the pace itself.
     pub(super) fn open(path: &Path) -> anyhow::Result<Self> {
         let is_input = path.as_os_str() == STANDARD_INPUT;
         let name = match is_input {

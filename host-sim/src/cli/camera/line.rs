@@ -1,4 +1,4 @@
-//! Where the program is that talks to the camera.
+//! The line to the program that talks to the camera.
 
 use std::{
     fmt,
@@ -16,9 +16,9 @@ const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The camera's end of a line.
 pub(super) enum Line {
-    /// A program on this computer opens the other one.
+    /// A pseudo-terminal; a program on this computer opens its other end.
     Terminal(PseudoTerminal),
-    /// A real one; its path.
+    /// A real port; its path.
     Port(Box<dyn SerialPort>, String),
 }
 
@@ -30,7 +30,7 @@ impl Line {
         Ok(Self::Port(port, path.to_owned()))
     }
 
-    /// The rate that the other program has set, where that can be known.
+    /// The rate that the other program has set, if it can be known.
     pub(super) fn baud(&self) -> io::Result<Option<u32>> {
         match self {
             Self::Terminal(terminal) => terminal.baud().map(Some),
@@ -43,7 +43,7 @@ impl Line {
         match self {
             Self::Terminal(terminal) => terminal.receive(wait),
             Self::Port(port, _) => {
-                // What is less than a millisecond is none.
+                // A wait of less than a millisecond counts as none.
                 port.set_timeout(wait.max(Duration::from_millis(1)))?;
                 let mut buffer = [0; 256];
                 match port.read(&mut buffer) {
@@ -59,7 +59,7 @@ impl Line {
         }
     }
 
-    /// Sends what there is room for; how many bytes are lost.
+    /// Sends as many bytes as there is room for; returns how many are lost.
     pub(super) fn send(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::Terminal(terminal) => terminal.send(bytes),

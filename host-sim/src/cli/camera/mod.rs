@@ -44,13 +44,13 @@ pub(super) struct Arguments {
     /// A real serial port on whose line the camera is, such as /dev/serial0.
     #[arg(long, value_name = "DEVICE")]
     port: Option<String>,
-    /// What the camera sees [default: an orange ball, held in front of a grey room].
+    /// Scene that the camera sees [default: an orange ball, held in front of a grey room].
     #[arg(long, value_name = "FILE.toml", conflicts_with = "video")]
     scene: Option<PathBuf>,
-    /// What the camera sees, as YUV4MPEG2; `-` is the standard input. See below.
+    /// Video that the camera sees, as YUV4MPEG2; `-` is the standard input. See below.
     #[arg(long, value_name = "FILE")]
     video: Option<PathBuf>,
-    /// Which camera it is.
+    /// Model of the camera.
     #[arg(long, value_enum, default_value_t)]
     kind: KindOption,
     /// A colour that a Pixy2 was taught, signature 1 first; may be repeated.
@@ -111,7 +111,7 @@ fn baud(text: &str) -> Result<u32, String> {
     }
 }
 
-/// One line for each; a default of 0 goes without saying.
+/// One line for each setting; a default of 0 is not shown.
 fn table<T: Display + Default + PartialEq>(settings: &[Setting<T>]) -> String {
     settings
         .iter()
@@ -312,7 +312,7 @@ impl Arguments {
 /// The emulator on the clock.
 struct RealTime<'a> {
     carried: Carried<Emulator>,
-    /// In the place of the scene.
+    /// Video that takes the place of the scene.
     film: Option<Film>,
     line: Line,
     start: Instant,
@@ -342,7 +342,7 @@ impl RealTime<'_> {
             self.carried.camera.scene_mut().background = Background::Picture(picture);
         }
         let now = self.now();
-        // They come in one piece, but a line carries them one after the other.
+        // Bytes come in one piece, but a line carries them one after the other.
         self.carried.hear(&received, now);
         let sent = self.carried.advance(now);
         let lost = self.line.send(&sent)?;

@@ -18,11 +18,11 @@ use super::{
     film::Film,
 };
 
-/// The rate of one as it is shipped.
+/// The rate of a Pixy2 as it is shipped.
 pub(super) const BAUD: u32 = 19_200;
 
 impl Arguments {
-    /// What only a CMUcam2 has is refused.
+    /// Configuration of the Pixy2; refuses options that only a CMUcam2 has.
     pub(super) fn pixy2(&self) -> anyhow::Result<Configuration> {
         if !(self.switch.is_empty() && self.fault.is_empty()) {
             bail!("--switch and --fault are those of a CMUcam2");
@@ -36,7 +36,7 @@ impl Arguments {
     }
 }
 
-/// A colour that it was taught.
+/// A colour that the Pixy2 was taught.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taught([u8; 3]);
 
@@ -53,7 +53,7 @@ impl std::str::FromStr for Taught {
     }
 }
 
-/// Serves it until `stop`; `power` switches it off and on.
+/// Serves a Pixy2 until `stop`; `power` switches it off and on.
 pub(super) fn run(
     arguments: &Arguments,
     scene: Scene,

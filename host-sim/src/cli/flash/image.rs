@@ -1,4 +1,4 @@
-//! What of an image is written to a flash.
+//! The part of an image that is written to a flash.
 
 use std::{fs, ops::Range, path::Path};
 
@@ -8,8 +8,8 @@ use object::{
     read::elf::{ElfFile32, ProgramHeader},
 };
 
-/// From the first to behind the last address that a programmer writes to the flash of an image for an
-/// ARM processor.
+/// Range from the first address that a programmer writes to the flash, of an image for an ARM
+/// processor, to behind the last one.
 pub(super) fn flash_range(path: &Path) -> Result<Range<u64>> {
     let name = path.display();
     let bytes = fs::read(path).with_context(|| format!("{name} cannot be read"))?;

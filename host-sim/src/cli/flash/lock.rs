@@ -10,8 +10,8 @@ use super::Board;
 /// registers").
 const APPROTECT: &str = "0x10001208";
 
-/// What protects the access port on every revision of the chip. Up to E it is open at any other
-/// value; from F on it is closed at any but 0x5A, which the image writes only over a value that is
+/// Value that protects the access port on every revision of the chip. Up to E the port is open at any
+/// other value; from F on it is closed at any but 0x5A, which the image writes only over a value that is
 /// blank, as flash turns ones into zeros and not back.
 pub(super) const ENABLED: [u8; 4] = [0x00, 0xFF, 0xFF, 0xFF];
 
@@ -19,8 +19,8 @@ const INSTALL_OPENOCD: &str = "OpenOCD is not installed, with which this board i
      type `sudo apt-get install openocd`; else see https://openocd.org/pages/getting-openocd.html";
 
 impl Board {
-    /// The program that locks it, and what to do where that is missing; no other than for everything
-    /// else, where nothing is told.
+    /// The program that locks the board, and what to do where it is missing; `None` if it is the program
+    /// that does everything else.
     pub(super) const fn locked_with(self) -> Option<(&'static str, &'static str)> {
         match self {
             Self::Nrf52840 => None,
@@ -37,7 +37,7 @@ impl Board {
         enabled: &Path,
     ) -> Cmd<'a> {
         match self {
-            // Of the same page are the pins' reset and the supply's voltage.
+            // The pins' reset and the supply's voltage are in the same page.
             Self::Nrf52840 => cmd!(
                 sh,
                 "probe-rs download {options...} --restore-unwritten --binary-format bin --base-address {APPROTECT} {enabled}"
@@ -59,7 +59,7 @@ impl Board {
         }
     }
 
-    /// What a person has to do before a lock holds.
+    /// Step that a person has to take before a lock holds.
     pub(super) const fn after_locking(self) -> &'static str {
         match self {
             Self::Nrf52840 => {

@@ -21,7 +21,7 @@ use xshell::{Cmd, Shell, cmd};
 
 use super::{files::Files, print, provision::read_page, tell};
 
-/// Where `cargo xtask firmware` puts images.
+/// Folder into which `cargo xtask firmware` puts images.
 const IMAGES: &str = "target/firmware";
 
 const INSTALL: &str = "probe-rs is not installed: see https://probe.rs/docs/getting-started/installation/, or \
@@ -64,11 +64,11 @@ impl Board {
 
 /// Writes an image and a configuration page onto a board.
 ///
-/// What the node learnt is kept. A page with another site key, role or number than the one in the
+/// The node's memory is kept. A page with another site key, role or number than the one in the
 /// board is refused without --erase-memory.
 #[derive(Args)]
 pub(super) struct Arguments {
-    /// Which board.
+    /// Kind of board.
     board: Board,
     /// The page, of `host-sim provision`; without it, the node keeps the one it has.
     #[arg(long, value_name = "PAGE")]
@@ -76,14 +76,14 @@ pub(super) struct Arguments {
     /// The image; without it, what `cargo xtask firmware` makes in target/firmware.
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
-    /// Which debug probe, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL.
+    /// Debug probe to use, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL.
     #[arg(long)]
     probe: Option<String>,
     /// Makes the node forget its network, its place and its extended address: when it was moved, or
     /// its memory is damaged.
     #[arg(long, requires = "config")]
     erase_memory: bool,
-    /// Closes the debug port, so that nobody with the board in hand reads the site key. Whoever opens
+    /// Closes the debug port, so that a person with the board in hand cannot read the site key. Opening
     /// it again (--unlock) erases the board.
     #[arg(long)]
     lock: bool,
@@ -120,7 +120,7 @@ impl Arguments {
             tell(install);
         }
         let image = self.image()?;
-        // Beside the image, where nobody looks for what was left over.
+        // Beside the image, where a file that is left over is not in the way.
         let beside = Beside {
             erased: image.with_extension("erased.bin"),
             enabled: image.with_extension("approtect.bin"),
@@ -181,7 +181,7 @@ impl Arguments {
         }))
     }
 
-    /// Where the image is, which is for this board.
+    /// Path of the image, checked to be for this board.
     fn image(&self) -> Result<PathBuf> {
         let image = match &self.image {
             Some(image) => image.clone(),
@@ -217,8 +217,8 @@ impl Arguments {
         Ok(image)
     }
 
-    /// Refuses a page that makes another node of the board, which would go on with what the former
-    /// one learnt.
+    /// Refuses a page that makes another node of the board: the node would go on with the former
+    /// one's memory.
     fn compare(&self, sh: &Shell, new: &Config) -> Result<()> {
         let said = self.look(sh).quiet().read().context(
             "nothing was written: see what probe-rs says above. A board that was locked is \
@@ -276,8 +276,8 @@ impl Arguments {
         options
     }
 
-    /// The page comes before the memory is erased: should the node start between two commands, it
-    /// does not begin again with the former page's counters. A debug port is closed last.
+    /// The page comes before the memory is erased: if the node starts between two commands, it does
+    /// not begin again with the former page's counters. A debug port is closed last.
     fn commands<'a>(
         &self,
         sh: &'a Shell,
@@ -317,11 +317,11 @@ impl Arguments {
     }
 }
 
-/// Files beside the image, of what is written besides.
+/// Files beside the image that are also written.
 struct Beside {
     /// A memory in which nothing was learnt.
     erased: PathBuf,
-    /// What closes the debug port.
+    /// Value that closes the debug port.
     enabled: PathBuf,
 }
 

@@ -53,13 +53,13 @@ pub(super) struct Arguments {
     /// The root of all randomness of a simulation. Default: the scenario's.
     #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// Which of the planned ways the target takes, from 1.
+    /// Number of the planned way that the target takes, from 1.
     #[arg(long, value_name = "K", value_parser = values::path)]
     path: Option<u64>,
     /// Cameras of a grid.
     #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     nodes: Option<usize>,
-    /// How fast a simulation begins: `max`, `real-time`, or so many times real time.
+    /// Speed at which a simulation begins: `max`, `real-time`, or so many times real time.
     #[arg(long, value_name = "SPEED", value_parser = values::speed, default_value = "10x", allow_hyphen_values = true)]
     speed: values::Speed,
     /// A simulated target goes on as the verdict asks, with at most so many further stops.
@@ -69,11 +69,11 @@ pub(super) struct Arguments {
     serve: ServeOptions,
 }
 
-/// Where a page is served.
+/// Address at which a page is served.
 #[derive(Args)]
 pub(super) struct ServeOptions {
-    /// The address to serve on. Whoever can reach another one than this computer's own needs the token
-    /// of the URL too, but what they send can be read on the way.
+    /// The address to serve on. A person who can reach another one than this computer's own needs the token
+    /// of the URL too, but what is sent can be read on the way.
     #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     listen: IpAddr,
     /// The port to serve on; 0 takes a free one.
@@ -101,7 +101,7 @@ Exit codes:
   0  Ctrl-C
   2  wrong options, or a file, the port or the address is not to be had";
 
-/// How long a quiet line, or a paused simulation, is left alone.
+/// Time for which a quiet line, or a paused simulation, is left alone.
 const POLL: Duration = Duration::from_millis(10);
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -122,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Whether it is a file of lines of JSON rather than a scenario.
+/// Returns true if it is a file of lines of JSON rather than a scenario.
 fn is_events(source: &str) -> bool {
     let is_built_in = BUILT_IN.iter().any(|(name, _)| *name == source);
     let first = || {
@@ -165,7 +165,7 @@ pub(super) fn open_browser(url: &str) {
 fn wait(server: &Server, commands: &Receiver<Command>, interrupted: &AtomicBool) {
     while !interrupted.load(Ordering::Relaxed) {
         for command in commands.try_iter() {
-            // Of these the page takes care itself.
+            // The page takes care of these itself.
             if !matches!(
                 command,
                 Command::Pause | Command::Resume | Command::Speed { .. }
@@ -178,7 +178,7 @@ fn wait(server: &Server, commands: &Receiver<Command>, interrupted: &AtomicBool)
     }
 }
 
-/// What became of a command.
+/// Event that tells what became of a command.
 fn told(seconds: f64, command: &Command, state: CommandState, words: &str) -> Event {
     let (node, name) = match command {
         Command::Pause => (None, "pause".to_owned()),

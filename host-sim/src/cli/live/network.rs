@@ -28,10 +28,10 @@ use super::super::{
 };
 use super::{Arguments, POLL, start, told};
 
-/// How often networks are looked at.
+/// Time between two looks at the networks.
 const LOOKS: Duration = Duration::from_millis(200);
 
-/// Until Ctrl-C. A line that fails is opened again; one that never was there is a wrong name.
+/// Runs until Ctrl-C. A line that fails is opened again; one that never was there is a wrong name.
 pub(super) fn run(arguments: &Arguments, interrupted: &Arc<AtomicBool>) -> anyhow::Result<()> {
     check_ports(&arguments.port)?;
     let site = arguments.site.as_deref().map(read_site).transpose()?;
@@ -66,12 +66,12 @@ pub(super) fn run(arguments: &Arguments, interrupted: &Arc<AtomicBool>) -> anyho
     Ok(())
 }
 
-/// What was asked of a coordinator.
+/// Commands for a coordinator.
 #[derive(Default)]
 struct Asked {
-    /// One thing after the other; the first is on its way, if its line has a wish.
+    /// Handled one after the other; the first is on its way, if its line has a wish.
     pending: VecDeque<(Command, Wish)>,
-    /// What is the matter with its line, which is told once.
+    /// Problem of its line, which is told once.
     trouble: Option<String>,
 }
 
@@ -82,7 +82,7 @@ struct Networks<'a> {
     /// By line.
     asked: Vec<Asked>,
     looker: Looker,
-    /// Why the lines are not one site, which is told once.
+    /// Reason why the lines are not one site, which is told once.
     unclear: Option<String>,
     server: Server,
     commands: Receiver<Command>,
@@ -120,7 +120,7 @@ impl Networks<'_> {
         }
     }
 
-    /// What a line told besides the record.
+    /// Tells the page what a line said besides the record.
     fn tell(&mut self, now: Duration, n: usize) {
         let line = &mut self.lines.all[n];
         while let Some(words) = line.session.news() {
@@ -134,7 +134,7 @@ impl Networks<'_> {
         }
     }
 
-    /// What became of the first thing that was asked of a coordinator. Whether there was any.
+    /// Tells what became of a coordinator's first command. Returns false if there was no command.
     fn end(&mut self, now: Duration, n: usize, state: CommandState, why: &str) -> bool {
         let Some((command, _)) = self.asked[n].pending.pop_front() else {
             return false;
@@ -178,7 +178,7 @@ impl Networks<'_> {
         }
     }
 
-    /// What people ask for goes to whom it concerns, one thing after the other.
+    /// Hands commands from the page to the coordinators that they concern, one after the other.
     fn take(&mut self, now: Duration) {
         let seconds = now.as_secs_f64();
         let commands: Vec<_> = self.commands.try_iter().collect();

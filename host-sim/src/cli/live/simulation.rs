@@ -1,4 +1,4 @@
-//! A simulation on the page, and what people there do to it.
+//! A simulation on the page, and commands from people there.
 
 use std::{
     sync::{
@@ -21,9 +21,9 @@ use virtual_bench::executor::times_real_time;
 use super::super::tell;
 use super::{Arguments, POLL, start, told, wait};
 
-/// How often a simulation is looked at, nanoseconds.
+/// Time between two looks at a simulation, nanoseconds.
 const LOOKS: u64 = 100_000_000;
-/// How far a camera is moved at once: as far as sites may be wide.
+/// Largest distance by which a camera is moved at once: the largest width of a site.
 const MOVE_MAX: f64 = 1e5;
 
 pub(super) fn run(
@@ -76,7 +76,7 @@ pub(super) fn run(
     Ok(())
 }
 
-/// What people at the page do to a simulation.
+/// Commands of people at the page for a simulation.
 struct Controls<'a> {
     server: &'a Server,
     commands: &'a Receiver<Command>,
@@ -109,7 +109,7 @@ impl Controls<'_> {
         }
     }
 
-    /// Whether it is done already; a node's command is when the node says so.
+    /// Returns true if it is done already; a node's command is done when the node says so.
     fn act(&mut self, simulation: &mut Simulation, command: &Command) -> anyhow::Result<bool> {
         let duration = |seconds: f64| -> anyhow::Result<f64> {
             ensure!(
@@ -163,7 +163,7 @@ impl Controls<'_> {
                 }
             }
             Command::Move { node, by, turn_deg } => {
-                // Places stay within what a site may be, and nobody turns a camera round twice.
+                // Places stay within what a site may be, and a camera turns by one round at most.
                 let is_near = by.iter().all(|by| by.abs() <= MOVE_MAX) && turn_deg.abs() <= 360.0;
                 ensure!(
                     is_near,

@@ -1,4 +1,4 @@
-//! What the camera tracks, as it comes.
+//! Packets of the camera, printed as they come.
 
 use std::{
     io::{self, IsTerminal, Write},
@@ -14,7 +14,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{Bench, Look, is_interruption, tell};
 
-/// Where packets go.
+/// Output of packets.
 enum Output {
     /// One line that changes.
     Screen(ProgressBar),

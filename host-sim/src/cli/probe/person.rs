@@ -1,4 +1,4 @@
-//! What the person at the keyboard wants.
+//! Input of the person at the keyboard.
 
 use std::{
     io::{self, BufRead, IsTerminal, Write},
@@ -16,7 +16,7 @@ use host_sim::probe::port::PortError;
 
 use super::super::interrupt;
 
-/// How long Ctrl-C goes unnoticed while a line is awaited.
+/// Longest time for which Ctrl-C goes unnoticed while a line is awaited.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Lines from the standard input, and Ctrl-C.
@@ -39,16 +39,16 @@ impl Person {
         Arc::clone(&self.interrupted)
     }
 
-    /// Whether somebody types.
+    /// Returns true if a person can type.
     pub(super) fn is_there() -> bool {
         io::stdin().is_terminal()
     }
 
-    /// The next line, asked for with `question` if somebody is there; `None` at the end.
+    /// The next line, asked for with `question` if a person can type; `None` at the end.
     pub(super) fn line(&mut self, question: &str) -> anyhow::Result<Option<String>> {
         if Self::is_there() {
             let mut out = io::stderr();
-            // Nobody is left to be told that this failed.
+            // A failure here cannot be told anywhere.
             let _ = write!(out, "{question} ").and_then(|()| out.flush());
         }
         let lines = self.lines.get_or_insert_with(read_lines);

@@ -1,4 +1,4 @@
-//! `host-sim probe --camera pixy2`: what it sees of a signature, and where.
+//! `host-sim probe --camera pixy2`: the blobs of a signature, and where they are.
 
 use std::{
     io::{self, Write},
@@ -31,11 +31,10 @@ use super::{
     tell,
 };
 
-/// Rates that are tried: as it is shipped, and others that people set.
+/// Rates to try: as it is shipped, and others that people set.
 const RATES: [u32; 4] = [19_200, 115_200, 57_600, 38_400];
 
-/// An adapter on USB holds bytes back, and so does a computer that is busy, where the camera is another program
-/// of it.
+/// An adapter on USB holds bytes back. So does a busy computer, where the camera is another program on it.
 const PATIENT: Policy = Policy {
     reply_us: 500_000,
     pause_us: 2_000,
@@ -53,7 +52,7 @@ struct Line {
     y: Option<u16>,
     width: Option<u16>,
     height: Option<u16>,
-    /// Of what stood still in the last frames.
+    /// Bearing of an object that stood still in the last frames.
     bearing_rad: Option<f64>,
     sigma_rad: Option<f64>,
 }
@@ -92,7 +91,7 @@ impl Watches for Bench<'_> {
         &mut self.person
     }
 
-    /// It looks all the time.
+    /// A Pixy2 looks all the time.
     fn begin(&mut self) -> anyhow::Result<()> {
         Ok(())
     }
@@ -152,7 +151,7 @@ pub(super) fn run(
     }
 }
 
-/// Prints what it sees.
+/// Prints the blobs.
 fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
     let arguments = bench.arguments;
     let shape = Shape::Round {
@@ -228,7 +227,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Cl
         Baud::Rate(rate) => vec![rate],
         Baud::Auto => RATES.to_vec(),
     };
-    // One that starts is silent for two seconds.
+    // A camera that starts is silent for two seconds.
     for round in 0..2 {
         for &rate in &rates {
             let port = arguments.open(rate, person)?;

@@ -25,12 +25,12 @@ const PATIENCE: usize = 5;
 /// The most packets of a sighting.
 pub(super) const PACKETS_MAX: usize = 1000;
 
-/// Why there is no sighting.
+/// Reason why there is no sighting.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum NotSeen {
     #[error(transparent)]
     Unsteady(Unsteady),
-    /// What it had adapted to is lost, and with it the colour.
+    /// The camera has lost its adaptation to the light, and so the colour.
     #[error(
         "the camera restarted meanwhile, and sees other colours now: start it up again, without \
          --as-is, and check its supply"
@@ -40,12 +40,12 @@ pub(super) enum NotSeen {
     Columns,
 }
 
-/// A camera that is asked again and again what it sees.
+/// A camera that can be asked repeatedly what it sees.
 pub(super) trait Watches {
     fn arguments(&self) -> &Arguments;
     fn view(&self) -> &View;
     fn person(&mut self) -> &mut Person;
-    /// Before the first look, and after the last.
+    /// Called before the first look; `end` after the last one.
     fn begin(&mut self) -> anyhow::Result<()>;
     fn end(&mut self) -> anyhow::Result<()>;
     /// The next look; the outer `None`: nothing came.

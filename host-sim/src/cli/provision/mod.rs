@@ -35,7 +35,7 @@ pub(super) struct Arguments {
     /// All nodes of a site, from the file that `host-sim run` rehearses; --out is then a folder.
     #[arg(long, value_name = "FILE.toml", conflicts_with = "config")]
     site: Option<PathBuf>,
-    /// Where to write; without it, node-ID.page.bin.
+    /// File or folder to write; without it, node-ID.page.bin.
     #[arg(long, value_name = "PATH", value_parser = values::result())]
     out: Option<PathBuf>,
     /// Writes over pages that exist.
@@ -143,7 +143,7 @@ impl Arguments {
             RoleConfig::Coordinator(coordinator)
                 if coordinator.allow.is_empty() && coordinator.join_window_s == 0 =>
             {
-                tell("Nobody may join this coordinator until its button opens the join window.");
+                tell("No node may join this coordinator until its button opens the join window.");
             }
             RoleConfig::Target(target) if target.sensor.hard_iron == [0.0; 3] => {
                 let what = match &self.site {
@@ -161,7 +161,7 @@ impl Arguments {
     }
 }
 
-/// Tells of pages in the folder that are of no node of the site: somebody might flash one.
+/// Tells of pages in the folder that are of no node of the site: the user could flash one by mistake.
 fn tell_strangers(folder: &Path, pages: &[(CheckedConfig, PathBuf)]) {
     let found = fs::read_dir(folder).into_iter().flatten().flatten();
     let is_page = |name: &str| name.starts_with("node-") && name.ends_with(".page.bin");
@@ -189,10 +189,10 @@ fn read_key(path: &Path) -> Result<SiteKey> {
     key_file::read(path).with_context(|| file_name(path))
 }
 
-/// What is wrong with a site's file, with its name.
+/// Error in a site's file, with the file's name.
 fn named(name: &str, error: ScenarioError) -> anyhow::Error {
     match error {
-        // These have the name in them.
+        // These errors name the file themselves.
         ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
         error => anyhow!("{name}: {error}"),
     }

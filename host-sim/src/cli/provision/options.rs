@@ -9,7 +9,7 @@ use site::node::RoleName;
 /// Options stand over what the file says.
 #[derive(clap::Args)]
 pub(super) struct Options {
-    /// What the node is for.
+    /// Role of the node.
     #[arg(long, value_parser = role())]
     role: Option<RoleName>,
     /// The number by which people know the node, from 1.
@@ -22,10 +22,10 @@ pub(super) struct Options {
     #[arg(long, value_name = "DBM", allow_hyphen_values = true)]
     tx_power: Option<i8>,
 
-    /// Which camera it has: `cmucam2`, unless said, or `pixy2`.
+    /// Model of its camera: `cmucam2`, unless said, or `pixy2`.
     #[arg(long, value_name = "CAMERA", help_heading = "Camera", value_parser = ["cmucam2", "pixy2"])]
     kind: Option<String>,
-    /// How many colours a Pixy2 was taught, 1 to 4: signature 1 is target colour 0.
+    /// Number of colours that a Pixy2 was taught, 1 to 4: signature 1 is target colour 0.
     #[arg(long, value_name = "N", help_heading = "Camera", conflicts_with_all = ["colour", "motion"])]
     signatures: Option<u8>,
     /// Columns of the lens: 88, or 160 with the OV7620.
@@ -34,7 +34,7 @@ pub(super) struct Options {
     /// Angle from the middle of the first column to that of the last one.
     #[arg(long, value_name = "DEGREES", help_heading = "Camera")]
     field_of_view: Option<f64>,
-    /// Which direction a column is: `pin-hole` as real lenses, or `equal-angle`.
+    /// Projection of the lens: `pin-hole` as real lenses, or `equal-angle`.
     #[arg(long, value_name = "KIND", help_heading = "Camera")]
     projection: Option<String>,
     /// Baud rate that the CMUcam2's jumpers select.
@@ -43,7 +43,7 @@ pub(super) struct Options {
     /// It is a reference camera: `first` or `second`.
     #[arg(long, value_name = "DUTY", help_heading = "Camera")]
     reference: Option<String>,
-    /// Where the reference camera stands.
+    /// Place where the reference camera stands.
     #[arg(
         long,
         value_name = "X,Y",
@@ -79,14 +79,14 @@ pub(super) struct Options {
     /// Number of a node that may always join; again for the next one.
     #[arg(long, value_name = "N", help_heading = "Coordinator")]
     allow: Vec<u16>,
-    /// How long any device with the site key may join after start-up.
+    /// Time after start-up in which any device with the site key may join.
     #[arg(long, value_name = "SECONDS", help_heading = "Coordinator")]
     join_window: Option<u16>,
 
     /// The target's colour number, from 0.
     #[arg(long, value_name = "N", help_heading = "Target")]
     target_colour: Option<u8>,
-    /// What the compass of its step sensor reads too much on each axis, uT.
+    /// Offset of its step sensor's compass on each axis, uT.
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -107,7 +107,7 @@ pub(super) struct Options {
 }
 
 impl Options {
-    /// As a file would say it.
+    /// The options as a file would say them.
     pub(super) fn table(&self) -> Result<Table> {
         let mut table = Table::new();
         let mut put = |name: &str, value: Option<Value>| {
@@ -202,7 +202,7 @@ fn some_table(table: Table) -> Option<Value> {
     (!table.is_empty()).then_some(Value::Table(table))
 }
 
-/// So many numbers with commas between them.
+/// The given number of numbers with commas between them.
 fn numbers<const N: usize>(text: &str) -> Option<Value> {
     let number = |text: &str| text.trim().parse().ok().map(Value::Float);
     let all: Vec<_> = text.split(',').map(number).collect::<Option<_>>()?;

@@ -1,4 +1,4 @@
-//! The text of a site's file, changed where people changed something.
+//! The text of a site's file, changed only where the user changed something.
 
 use serde::Serialize;
 use site::{NetworkTable, ObstacleTable, Scenario};
@@ -8,7 +8,7 @@ use toml_edit::{
 
 use super::{EditError, Hindrance, Placed};
 
-/// What a grid is written as.
+/// Tables that are written in place of a grid.
 #[derive(Serialize)]
 struct Expanded<'a> {
     network: &'a [NetworkTable],
@@ -43,12 +43,12 @@ fn world(document: &mut DocumentMut) -> Result<&mut dyn TableLike, EditError> {
     world.as_table_like_mut().ok_or(EditError::Unknown("world"))
 }
 
-/// No need for more digits than a tape measure has.
+/// Rounds to the digits of a tape measure.
 fn rounded(number: f64) -> f64 {
     (number * 1e4).round() / 1e4
 }
 
-/// Sets a number, with its comment kept, unless it is that already.
+/// Sets a number and keeps its comment; changes nothing if the number is the same.
 fn set(table: &mut dyn TableLike, key: &str, number: f64) {
     match table.get_mut(key).and_then(Item::as_value_mut) {
         Some(old) => set_value(old, number),

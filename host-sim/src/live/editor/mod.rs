@@ -1,4 +1,4 @@
-//! A site's file as people change it at the page: of what they do not change, every letter is kept.
+//! A site's file as the user changes it at the page. All text that does not change is kept to the letter.
 
 use serde::{Deserialize, Serialize};
 use site::{
@@ -11,10 +11,10 @@ mod file;
 #[cfg(test)]
 mod tests;
 
-/// Further cameras and stops that are advised.
+/// Number of further cameras and of further stops that are advised.
 const ADVISED: usize = 3;
 
-/// What can be changed of a site.
+/// The part of a site that can be changed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Layout {
@@ -24,15 +24,15 @@ pub struct Layout {
     pub obstacles: Vec<Hindrance>,
 }
 
-/// Where a camera is to be.
+/// Pose that a camera is to have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Placed {
     /// Its number.
     pub id: u16,
-    /// Where.
+    /// Position along the x axis.
     pub x: f64,
-    /// Where.
+    /// Position along the y axis.
     pub y: f64,
     /// Direction, degrees from the x axis.
     pub heading_deg: f64,
@@ -42,21 +42,21 @@ pub struct Placed {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hindrance {
-    /// Which of the file's obstacles it was, from 0, if any. They stay in their order.
+    /// Number of the file's obstacle that it was, from 0, if any. They stay in their order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<usize>,
-    /// What it is now; one of the file stays of its kind.
+    /// Its present kind and numbers; an obstacle of the file keeps its kind.
     pub is: ObstacleTable,
 }
 
-/// A site with what is expected of it.
+/// A site with its expected results.
 #[derive(Clone, Debug, Serialize)]
 pub struct Judged {
-    /// What is expected; `None` if it cannot be put up.
+    /// The expected results; `None` if the site cannot be put up.
     pub design: Option<Design>,
-    /// Why not.
+    /// Reason why the site cannot be put up.
     pub refused: Option<String>,
-    /// Where one more would help most, if that was asked.
+    /// Place where one more would help most, if that was asked.
     pub advice: Option<Advice>,
 }
 
@@ -69,7 +69,7 @@ pub struct Begun {
     pub unit: String,
     /// Lowest and highest corner of the place.
     pub bounds: [[f64; 2]; 2],
-    /// It was a `grid`, and what is saved names each camera.
+    /// It was a `grid`; the saved file names each camera.
     pub was_grid: bool,
     /// Cameras and obstacles.
     pub layout: Layout,
@@ -77,13 +77,13 @@ pub struct Begun {
     pub taken: Vec<u16>,
 }
 
-/// Why a file cannot be edited.
+/// Reason why a file cannot be edited.
 #[derive(Debug, thiserror::Error)]
 pub enum EditError {
-    /// It is no site.
+    /// It is not a site.
     #[error(transparent)]
     Site(#[from] ScenarioError),
-    /// It is no TOML.
+    /// It is not TOML.
     #[error(transparent)]
     Text(#[from] toml_edit::TomlError),
     /// The networks of its grid cannot be written down.
@@ -92,15 +92,15 @@ pub enum EditError {
     /// A camera has no place yet.
     #[error("camera {0} has no `x`, `y` and `heading_deg`: give it some first")]
     Unplaced(u16),
-    /// The page speaks of something that the file does not have.
+    /// The page names something that the file does not have.
     #[error("the file has no such {0}")]
     Unknown(&'static str),
-    /// A number is none.
+    /// A number is not finite.
     #[error("a place is not a number")]
     NotFinite,
 }
 
-/// The file.
+/// Editor of a file.
 #[derive(Clone, Debug)]
 pub struct Editor {
     text: String,
@@ -110,7 +110,7 @@ pub struct Editor {
 }
 
 impl Editor {
-    /// The text of a site's file.
+    /// An editor of the text of a site's file.
     ///
     /// # Errors
     /// [`EditError`]
@@ -134,7 +134,7 @@ impl Editor {
         Ok(editor)
     }
 
-    /// What the page has to know.
+    /// The site as the page needs it at first.
     ///
     /// # Errors
     /// [`EditError::Unplaced`]
@@ -152,7 +152,7 @@ impl Editor {
         })
     }
 
-    /// What the file has.
+    /// Cameras and obstacles of the file.
     fn layout(&self) -> Result<Layout, EditError> {
         let placed = |camera: &site::PlacedCamera| {
             let place = camera.place().zip(camera.heading_deg);
@@ -181,7 +181,7 @@ impl Editor {
     /// The file's text with this layout.
     ///
     /// # Errors
-    /// [`EditError`]: the page speaks of something else, or what comes out is no site.
+    /// [`EditError`]: the page names something else, or the new text is not a site.
     pub fn text(&self, layout: &Layout) -> Result<String, EditError> {
         let known = self.layout()?;
         if *layout == known {
@@ -217,7 +217,7 @@ impl Editor {
         Ok(text)
     }
 
-    /// What to expect of the site with this layout.
+    /// Judges the site with this layout.
     pub fn judge(&self, layout: &Layout, is_advised: bool) -> Judged {
         let judged = || -> Result<_, EditError> {
             let scenario = Scenario::from_toml(&self.text(layout)?, &Overrides::default())?;

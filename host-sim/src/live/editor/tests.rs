@@ -1,4 +1,4 @@
-//! What a file keeps, and what it becomes.
+//! Tests: parts of a file that are kept, and parts that change.
 
 use super::*;
 
@@ -10,12 +10,12 @@ fn what_is_not_changed_keeps_every_letter() {
         let editor = Editor::new(text).unwrap();
         let mut layout = editor.layout().unwrap();
         let text = match name {
-            // It is not what it was.
+            // The text of a grid changes.
             "grid" => editor.text(&layout).unwrap(),
             _ => text.to_owned(),
         };
         assert_eq!(editor.text(&layout).unwrap(), text);
-        // A wall where nobody looks or walks.
+        // A wall outside every view and way.
         let [low, _] = editor.begun().unwrap().bounds;
         layout.obstacles.push(Hindrance {
             of: None,
@@ -92,7 +92,7 @@ fn what_is_no_site_is_refused() {
     }
 }
 
-/// All three kinds, as both ways of TOML have them.
+/// All three kinds of obstacles, in both styles of TOML.
 #[test]
 fn a_moved_obstacle_changes_its_numbers_only() {
     let inline = "obstacle = [\n  { wall = [[1.0, 25.0], [2.0, 25.0]] }, # the door\n  \

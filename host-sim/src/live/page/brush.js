@@ -2,7 +2,7 @@
 
 class Brush {
   // The view has the place in the middle, `x` and `y`, `times` pixels a unit, and the picture's `width` and `height`.
-  // `shapes` keeps the outlines of what cameras see.
+  // `shapes` keeps the outlines of the cameras' fields of view.
   constructor(context, view, record, colours, shapes) {
     Object.assign(this, {context, view, record, colours, shapes});
   }
@@ -27,7 +27,7 @@ class Brush {
     if (close) context.closePath();
   }
 
-  // As long as a round number of units; returns how long.
+  // A line as long as a round number of units; returns that number.
   ruler() {
     const wide = 80 / this.view.times;
     const power = 10 ** Math.floor(Math.log10(wide));
@@ -47,7 +47,7 @@ class Brush {
     }
   }
 
-  // What a camera sees.
+  // The field of view of a camera.
   fieldOfView(node, isChosen) {
     const at = node.view && drawnAt(this.record, node);
     if (!at) return;
@@ -62,7 +62,7 @@ class Brush {
     }
   }
 
-  // With its ellipse so many times larger; `named`: with its number.
+  // A camera with its ellipse so many times larger; `named`: with its number.
   camera(node, times, named, isChosen) {
     const {record, context} = this;
     const at = drawnAt(record, node);
@@ -107,7 +107,7 @@ class Brush {
     context.fillText(String(words), x, y);
   }
 
-  // A shape for each status, so that nobody needs the colour.
+  // A shape for each status, so that it can be read without the colour.
   symbol(status, colour, isAbsent) {
     const {context} = this;
     context.fillStyle = isAbsent || status === 'waiting' ? this.colours.ground : colour;
@@ -142,7 +142,7 @@ class Brush {
     context.stroke();
   }
 
-  // Where something really is.
+  // The true place of something.
   truth({network, x, y}) {
     const [px, py] = this.placed(network, {x, y});
     this.strokes('truth', 1, [[px - 3, py - 3, px + 3, py + 3], [px + 3, py - 3, px - 3, py + 3]]);
@@ -198,12 +198,12 @@ class Brush {
       context.arc(x, y, 8, 0, 2 * Math.PI);
       context.fill();
       context.stroke();
-      // Nodes count on from any number: what is too long for the circle stands above it.
+      // Nodes count on from any number: a number that is too long for the circle stands above it.
       this.word(stop.stop, x, stop.stop < 1000 ? y + 0.5 : y - 14, '11px', 'ink');
     }
   }
 
-  // Where to stop next: the best place larger than the others.
+  // Places to stop next: the best one larger than the others.
   next(places) {
     places.forEach((place, i) => {
       const [x, y] = this.placed(place.network, place);
@@ -212,7 +212,7 @@ class Brush {
     });
   }
 
-  // A target where it is, and the ellipse of where it last believed to stand.
+  // A target at its place, and the ellipse of its last believed place.
   target(target, place, isStanding, times) {
     const {record, context} = this;
     const believed = target.stops.at(-1)?.believed;
@@ -231,7 +231,7 @@ class Brush {
     context.stroke();
   }
 
-  // What cameras track: its trail, its ellipse as large as it is, and where it will be in a second.
+  // An object that cameras track: its trail, its ellipse in true size, and its place in a second.
   object({network, object, is, trail}) {
     const {record, context} = this;
     const [x, y] = inFirst(record, network, is.x, is.y);
@@ -252,7 +252,7 @@ class Brush {
   }
 }
 
-// Where a camera is drawn: where it believes to be, or else where it was put.
+// The place at which a camera is drawn: its own estimate, or else the place where it was put.
 function drawnAt(record, node) {
   const place = node.estimate ?? node.planned ?? node.truth;
   if (!place) return null;
@@ -260,7 +260,7 @@ function drawnAt(record, node) {
   return {x, y, heading: turned(record, node.network, place.heading_deg)};
 }
 
-// The outlines of what cameras see, each worked out anew only when its camera is drawn elsewhere.
+// The outlines of the cameras' fields of view. Each is computed again only when its camera is drawn elsewhere.
 class Shapes {
   constructor(obstacles) {
     this.walls = wallsOf(obstacles);

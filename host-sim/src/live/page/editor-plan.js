@@ -1,4 +1,4 @@
-// The picture of a site that is edited, and what a pointer does to it.
+// The picture of a site that is edited, and the effects of a pointer on it.
 
 // Y of the picture goes down.
 const across = ([x, y]) => [x, -y];
@@ -13,7 +13,7 @@ function placeOf(event) {
 // The corners of an obstacle that can be moved one by one; of a pillar, its middle.
 const cornersOf = ({is}) => is.wall ?? is.block ?? [[is.pillar.x, is.pillar.y]];
 
-// What it looks like: a block's and a pillar's outline is closed.
+// The outline of an obstacle: a block's and a pillar's is closed.
 function outlineOf({is}) {
   if (is.wall) return is.wall;
   if (is.block) return [...is.block, is.block[0]];
@@ -79,7 +79,7 @@ function drawObstacle(svg, obstacle, index, unit) {
 const moveObstacleBy = (index, corner) => (at, from) =>
   moveObstacle(layout.obstacles[index], at[0] - from[0], at[1] - from[1], corner);
 
-// What begins when a pointer comes down on something: `move` is told where the pointer is and where it was.
+// Begins a drag when a pointer comes down on an item: `move` is told where the pointer is and where it was.
 function grab(item, key, move) {
   return event => {
     if (tool !== 'select') return;
@@ -93,7 +93,7 @@ function grab(item, key, move) {
   };
 }
 
-// Whoever comes by key.
+// Selects an item that gets the focus by key.
 function pick(item) {
   if (dragging || JSON.stringify(selected) === JSON.stringify(item)) return;
   selected = item;
@@ -107,7 +107,7 @@ function drawCoverage(svg) {
   const group = element('g', {'aria-hidden': 'true'}, svg);
   const values = coverage[what];
   const sigmas = coverage.sigma.filter(value => value !== null).sort((a, b) => a - b);
-  // Dark where a target's place is known as well as anywhere, faint at ten times as much.
+  // Dark where a target's place is known as well as anywhere, faint where it is known ten times worse.
   const best = sigmas[Math.floor(sigmas.length / 20)] ?? 1;
   values.forEach((value, n) => {
     if (value === null || value === 0) return;
@@ -127,7 +127,7 @@ function drawCoverage(svg) {
     : 'Darkest: four cameras or more see a target; blank: none.') + ellipses;
 }
 
-// As small as they are, ellipses would not be seen.
+// In their true size, ellipses would be too small to see.
 const MAGNIFIED = 10;
 
 function drawCamera(svg, network, camera, walls, unit) {

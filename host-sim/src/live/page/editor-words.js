@@ -1,4 +1,4 @@
-// What there is to say about a site that is edited: judgement, table, advice.
+// Texts about a site that is edited: judgement, table, advice.
 
 function panels() {
   const {design, refused, advice} = judged;

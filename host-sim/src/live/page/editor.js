@@ -1,4 +1,4 @@
-// The page on which a site is edited. What to expect of it the server computes.
+// The page on which a site is edited. The server computes what to expect of it.
 
 const byId = id => document.getElementById(id);
 const token = location.hash.slice(1);
@@ -73,7 +73,7 @@ function networkAt(x, y) {
 
 function addCamera(x, y, headingDeg, network) {
   const ids = cameras().map(({camera}) => camera.id);
-  // The lowest number that nobody has.
+  // The lowest number that no node has.
   let id = 1;
   while (ids.includes(id) || site.taken.includes(id)) id += 1;
   change(() => {
@@ -124,7 +124,7 @@ async function post(path, advice) {
   });
 }
 
-// One question at a time; of those that come meanwhile, the last.
+// Asks one question at a time; of those that come meanwhile, the last.
 async function judge(advice) {
   isAdviceWanted ||= advice;
   isWanted = true;
@@ -186,7 +186,7 @@ function listen() {
   svg.addEventListener('dblclick', () => { if (tool === 'wall') endWall(); });
   svg.addEventListener('pointermove', event => {
     if (dragging?.pointer !== event.pointerId) return;
-    // From where it was, so that no rounding adds up.
+    // From the place before the drag, so that no rounding adds up.
     layout = clone(dragging.before);
     dragging.move(placeOf(event), dragging.from);
     dragging.moved = true;

@@ -33,7 +33,7 @@ function ellipse(xx, xy, yy) {
   };
 }
 
-// The outline of what a camera sees: rays to the nearest wall, or as far as it sees.
+// The outline of a camera's field of view: rays to the nearest wall, or as far as the camera sees.
 function fieldOfView(x, y, headingDeg, fovDeg, range, walls) {
   const near = walls.filter(([ax, ay, bx, by]) => distance(x, y, ax, ay, bx, by) <= range);
   const half = fovDeg * DEGREE / 2;
@@ -60,7 +60,7 @@ function wrap(angle) {
   return Math.atan2(Math.sin(angle), Math.cos(angle));
 }
 
-// How far along a ray a wall is; for ever if it is not hit.
+// The distance of a wall along a ray; infinite if the ray does not hit it.
 function along(x, y, dx, dy, [ax, ay, bx, by]) {
   const [ex, ey] = [bx - ax, by - ay];
   const across = dx * ey - dy * ex;

@@ -1,8 +1,8 @@
-// What changes only with cameras, walls and the view is drawn once for many frames, and of many cameras a portion in
-// each frame: until all of them are drawn anew, the picture from before is shown where the view is now.
+// The part of the plan that changes only with cameras, walls and the view is drawn once for many frames. Many
+// cameras are drawn a portion in each frame: until all are drawn, the former picture is shown where the view is.
 
 class Layer {
-  // Cameras, or what cameras see, that are drawn in a frame: what a slow computer has time for.
+  // Number of cameras, or of fields of view, that are drawn in a frame: a slow computer has time for so many.
   static portion = 100;
 
   constructor() {
@@ -11,7 +11,7 @@ class Layer {
     this.canvases = [document.createElement('canvas'), document.createElement('canvas')];
   }
 
-  // Draws on towards what is wanted: whether that is shown. `size` is that of the canvas, in its own pixels.
+  // Draws on towards the wanted picture; returns true if it is shown. `size` is the canvas's, in its own pixels.
   update(wanted, size) {
     if (this.shown && isSame(this.shown.wanted, wanted)) {
       this.next = null;
@@ -19,7 +19,7 @@ class Layer {
     }
     const fits = picture => picture?.size[0] === size[0] && picture.size[1] === size[1];
     if (!fits(this.next)) this.next = this.begin(wanted, size);
-    // Where there is nothing to show meanwhile, all at once.
+    // If there is nothing to show meanwhile, all at once.
     const portion = fits(this.shown) ? Layer.portion : Infinity;
     for (let i = 0; i < portion; i++) {
       if (this.next.work.next().done) {

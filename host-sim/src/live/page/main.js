@@ -18,7 +18,7 @@ const source = new Source(events => {
 
 function showAll() {
   const state = timeline.follows ? eventHistory.latest : eventHistory.at(timeline.seconds);
-  // The latest state goes on: what is shown of it is of this moment.
+  // The latest state goes on: the shown part of it is of this moment.
   plan.show({...state, rays: state.rays, record: state.record && {...state.record}});
   showBanner(state);
   checklist.show(state, chosen);
@@ -59,7 +59,7 @@ function number(name, value) {
   return [label, () => Number(input.value)];
 }
 
-// Told below the controls; what came of it comes as an event.
+// The answer is told below the controls; the result of the command comes as an event.
 async function send(command) {
   setText(byId('sent'), `${command.do.replaceAll('_', ' ')}: ${await source.send(command)}`);
 }
@@ -176,7 +176,7 @@ if (!source.isFile) {
   });
 }
 
-// For whoever tests the page: what is shown at this moment.
+// For tests of the page: the state that is shown at this moment.
 window.shown = () => {
   const {record, verdict, seconds} = timeline.follows ? eventHistory.latest : eventHistory.at(timeline.seconds);
   return {record, verdict, seconds};

@@ -1,4 +1,4 @@
-// The plan on its canvas: which part of it is in view, and what is drawn there.
+// The plan on its canvas: the part of it that is in view, and the things that are drawn there.
 
 class Plan {
   // `choose` is told the number of the camera that is clicked.
@@ -50,7 +50,7 @@ class Plan {
     }
     this.state = state;
     this.cameras = (state.record?.nodes ?? []).filter(node => node.role === 'camera');
-    // What is new may be out of view.
+    // New things may be out of view.
     const size = (state.record?.nodes.length ?? 0) + (state.record?.targets ?? []).reduce(
       (sum, target) => sum + target.stops.length, 0) + (state.verdict?.walk_to.length ?? 0);
     if (size !== this.size && !this.isOwn) this.view = null;
@@ -184,7 +184,7 @@ class Plan {
     this.hover.style.top = py + 12 + 'px';
   }
 
-  // Draws if something changed since. Rays fade for half a second of the clock.
+  // Draws if something changed since the last time. Rays fade for half a second of the clock.
   draw() {
     const rays = this.rays(performance.now());
     if (!this.dirty && !rays.length && !this.hadRays) return;
@@ -216,7 +216,7 @@ class Plan {
     setText(this.scale, brush.ruler() + words);
   }
 
-  // Ellipses of a few pixels show nothing: how many times larger they are drawn.
+  // Magnification of ellipses, which show nothing if they have only a few pixels.
   magnification(cameras) {
     const sizes = cameras.filter(node => node.estimate && node.estimate.sigma_x > 0)
       .map(node => 2.45 * Math.hypot(node.estimate.sigma_x, node.estimate.sigma_y)).sort((a, b) => a - b);
@@ -225,7 +225,7 @@ class Plan {
     return [1, 2, 5, 10, 20, 50].find(times => times * typical >= 12) ?? 50;
   }
 
-  // The rays of the last moments, with where their targets were and how fresh they are.
+  // The rays of the last moments, with the places of their targets and with their freshness.
   rays(now) {
     const {rays, record, seconds, places} = this.state;
     const last = rays.at(-1);

@@ -41,7 +41,7 @@ function showBanner(state) {
   setText(byId('walk'), next ? `walk to (${next.x.toFixed(1)}, ${next.y.toFixed(1)})${where}` : '');
 }
 
-// What the cells of a camera's row say, and whether each is well.
+// The texts of the cells of a camera's row, each with whether it is well.
 function cellsOf(node, advice) {
   const joined = node.address !== null;
   const enough = node.sightings >= 3 || node.reference;
@@ -58,7 +58,7 @@ function cellsOf(node, advice) {
   ];
 }
 
-// What to do about a camera that is not well; nothing of one that is.
+// Advice about a camera that is not well; nothing about one that is.
 function adviceFor(node, findings) {
   if (node.address === null) return 'it is no member: check its power, its site key and the join window';
   if (node.silent) return 'it does not answer: check its power and its radio';
@@ -88,7 +88,7 @@ class Checklist {
         this.rows.set(node.id, row);
       }
       row.classList.toggle('chosen', node.id === chosen);
-      // A camera that did not change, and of which nothing else is said, has its row already.
+      // The row of a camera that did not change, and has no other advice, is there already.
       const words = adviceFor(node, advice.get(node.id));
       if (row.shown === node && row.advice === words) continue;
       row.shown = node;
@@ -124,7 +124,7 @@ class Checklist {
   }
 }
 
-// What cameras track, a row an object; hidden where there is none.
+// The objects that cameras track, a row each; hidden where there is none.
 function showObjects(table, state) {
   const rows = [...state.objects.values()].map(({network, object, is}) => [
     state.record.networks.length > 1 ? `${network}/${object}` : String(object),
@@ -212,7 +212,7 @@ function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim();
 }
 
-// What is known of one camera.
+// Everything that is known of one camera.
 function showDetail(state, history, chosen) {
   const node = state.record?.nodes.find(other => other.id === chosen);
   document.querySelector('main').classList.toggle('detailed', Boolean(node));

@@ -1,4 +1,4 @@
-// Where events come from: this file, or the server that sent the page; and where commands go.
+// Source of events: this file, or the server that sent the page; and destination of commands.
 
 class Source {
   constructor(take, connection) {
@@ -14,7 +14,7 @@ class Source {
     }
   }
 
-  // What the server shows, or nothing of a file.
+  // The server's description of what it shows; nothing for a file.
   async about() {
     if (this.isFile) return null;
     if (!this.token) {

@@ -1,6 +1,6 @@
-// What is known at a moment: the record, folded from events as `RunRecord::apply` does it.
+// The state at a moment: the record, folded from events as `RunRecord::apply` does it.
 
-// Places of an object's trail that are kept.
+// Number of places of an object's trail that are kept.
 const TRAIL = 200;
 
 // A fresh state before anything is known.
@@ -16,7 +16,7 @@ function put(list, key, item) {
   if (at >= 0) list[at] = item; else { list.push(item); list.sort((a, b) => a[key] - b[key]); }
 }
 
-// A list that was told by what was before: pieces of that, each from a place on and so many, and new items.
+// A list that was told by its former items: pieces of those, each from a place on and so many, and new items.
 function putTogether(before, pieces) {
   return pieces.flatMap(piece => Array.isArray(piece) ? before.slice(piece[0], piece[0] + piece[1]) : [piece]);
 }
@@ -51,7 +51,7 @@ function apply(state, event) {
       const target = record.targets.find(other => other.id === event.target);
       if (target) put(target.stops, 'stop', event.is);
       if (event.begins) state.stopped.set(event.target, true);
-      // Where it stands may be known better by and by.
+      // The place where it stands may become better known.
       if (event.begins || state.places.get(event.target)?.stop === event.is.stop) {
         state.places.set(event.target, event.is);
       }
@@ -95,7 +95,7 @@ class History {
 
   clear() {
     this.events = [];
-    // Of these, those that say something in words, and those with the state of a node.
+    // Of these, the events that say something in words, and those with the state of a node.
     this.telling = [];
     this.nodes = [];
     this.latest = emptyState();

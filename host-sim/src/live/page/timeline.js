@@ -1,4 +1,4 @@
-// Which moment is shown: the latest, or one that somebody chose; and replay from there.
+// The moment that is shown: the latest, or one that the user chose; and replay from there.
 
 class Timeline {
   constructor(history, changed) {
@@ -27,7 +27,7 @@ class Timeline {
     this.changed();
   }
 
-  // From the beginning, if it is at the end and nothing comes.
+  // Plays from the beginning, if it is at the end and nothing comes.
   toggle() {
     if (this.follows) {
       this.follows = false;
@@ -40,7 +40,7 @@ class Timeline {
     this.changed();
   }
 
-  // Lets replayed time pass; whether another moment is to be shown.
+  // Lets replayed time pass; returns true if another moment is to be shown.
   tick(elapsed) {
     if (!this.playing) return false;
     this.seconds = Math.min(this.seconds + elapsed * Number(byId('rate').value), this.history.end);
@@ -63,7 +63,7 @@ class Timeline {
     this.mark();
   }
 
-  // Stops, poses, and what went wrong along the line.
+  // Marks stops, poses and failures along the line.
   mark() {
     const {events, begin, end} = this.history;
     const now = performance.now();

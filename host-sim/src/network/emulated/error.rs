@@ -1,10 +1,10 @@
-//! What can be wrong with emulated boards.
+//! Errors of emulated boards.
 
 use std::{io, path::PathBuf};
 
 use node_firmware::config::page::PageError;
 
-/// Why boards cannot be emulated, or why a run with them ended. The texts say what to do.
+/// Reason why boards cannot be emulated, or why a run with them ended. The texts say what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EmulatorError {
@@ -14,9 +14,9 @@ pub enum EmulatorError {
          one with --image", .image.display()
     )]
     NoImage {
-        /// Where.
+        /// Path of the missing image.
         image: PathBuf,
-        /// Where the usual one would be.
+        /// Path of the usual image.
         usual: &'static str,
     },
     /// The image is something else.
@@ -25,12 +25,12 @@ pub enum EmulatorError {
          defmt: type `cargo xtask firmware`, which makes {usual}", .image.display()
     )]
     NoProgram {
-        /// Where.
+        /// Path of the file.
         image: PathBuf,
-        /// Where the usual one would be.
+        /// Path of the usual image.
         usual: &'static str,
     },
-    /// This program was built without what emulates chips.
+    /// This program was built without the emulator.
     #[error(
         "this host-sim was built without emulated chips, which take minutes to build: type `cargo run --release -p \
          host-sim --features chip -- run ...`, in the topmost folder of the sources"
@@ -42,14 +42,14 @@ pub enum EmulatorError {
          name another port, `--gdb {node}:{}`", if *.port == u16::MAX { port - 1 } else { port + 1 }
     )]
     PortTaken {
-        /// Whose chip it is to look into.
+        /// Node whose chip GDB is to look into.
         node: u16,
-        /// Where.
+        /// The port.
         port: u16,
-        /// Why not.
+        /// Error of the attempt to open it.
         source: io::Error,
     },
-    /// What emulates chips has panicked.
+    /// The emulator has panicked.
     #[error("what emulates the chips has panicked, which is a fault of it: {0}")]
     Panicked(String),
     /// A chip cannot be emulated.
@@ -57,7 +57,7 @@ pub enum EmulatorError {
     Chip {
         /// The node.
         id: u16,
-        /// Why not.
+        /// Reason.
         why: String,
     },
     /// A node's configuration does not fit into a page.
@@ -65,10 +65,10 @@ pub enum EmulatorError {
     Config {
         /// The node.
         id: u16,
-        /// Why not.
+        /// Reason.
         reason: PageError,
     },
-    /// The image does not know what the node is.
+    /// The image does not understand the configuration of the node.
     #[error(
         "the image does not understand the configuration page of node {id} ({why}), which is of another version: \
          type `cargo xtask firmware`"
@@ -76,18 +76,18 @@ pub enum EmulatorError {
     NoConfiguration {
         /// The node.
         id: u16,
-        /// What the image says.
+        /// The image's own message.
         why: String,
     },
-    /// Something is not connected to what it should be.
+    /// Wires are not connected as they should be.
     #[error("the image of node {id} is not for this board (boards/nrf52840/src/board.rs): {why}")]
     Wires {
         /// The node.
         id: u16,
-        /// What is connected to what.
+        /// The wrong connection.
         why: String,
     },
-    /// What its flash holds is elsewhere.
+    /// The contents of its flash are at other addresses.
     #[error(
         "the chips do not tell what is in the flash of node {id} where the image has its memory, which is a fault of \
          what emulates them"

@@ -1,4 +1,4 @@
-//! What a board's flash holds.
+//! Contents of a board's flash.
 
 use std::ops::Range;
 
@@ -13,10 +13,10 @@ use virtual_bench::{
     random::Root,
 };
 
-/// Where the board keeps the memory of its role.
+/// Part of the flash in which the board keeps the memory of its role.
 const MEMORY: Range<u32> = 0..facts::BYTES;
 
-/// Where it keeps what the link remembers.
+/// Part in which it keeps the memory of its link.
 pub(super) const LINK: Range<u32> = facts::BYTES..facts::BYTES + 4 * PAGE as u32;
 
 /// A flash with these contents: reading may tidy up.
@@ -27,13 +27,13 @@ fn copy(bytes: &[u8], clock: &Clock) -> Flash {
     flash
 }
 
-/// The extended address in the link's part of a flash; none if it has none yet, or cannot be read.
+/// The extended address in the link's part of a flash; `None` if it has none yet, or cannot be read.
 pub(in crate::network) fn extended(link: Range<u32>, bytes: &[u8], clock: &Clock) -> Option<Eui64> {
     let mut store = Store::new(copy(bytes, clock), link).ok()?;
     block_on(store.load()).ok()?.extended
 }
 
-/// The facts of this owner in what a board's flash holds.
+/// The facts of this owner in the contents of a board's flash.
 ///
 /// The board may go on writing: its memory is a log, of which a part is a memory too.
 pub(super) fn facts(bytes: &[u8], owner: u32, clock: &Clock) -> Vec<Fact> {
@@ -41,7 +41,7 @@ pub(super) fn facts(bytes: &[u8], owner: u32, clock: &Clock) -> Vec<Fact> {
     let mut facts = Vec::new();
     block_on(async {
         if let Ok(mut memory) = FactStore::open(flash, MEMORY, owner).await {
-            // What cannot be read is missing from the record, as from the node's own memory.
+            // Facts that cannot be read are missing from the record, as from the node's own memory.
             let _ = memory.recall(|fact| facts.push(*fact)).await;
         }
     });

@@ -11,7 +11,7 @@ use virtual_bench::{
     medium::{Medium, NodeId},
 };
 
-/// What surrounds a board.
+/// Surroundings of a board.
 pub(super) struct Surroundings<'a, U> {
     pub(super) clock: &'a Clock,
     pub(super) medium: &'a Medium,
@@ -19,6 +19,6 @@ pub(super) struct Surroundings<'a, U> {
     /// The far end of its UART.
     pub(super) device: U,
     pub(super) panel: &'a Panel,
-    /// Random, another one at each start.
+    /// Random number, another one at each start.
     pub(super) seed: u64,
 }

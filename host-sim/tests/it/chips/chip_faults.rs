@@ -1,4 +1,4 @@
-//! What goes wrong by order of a scenario, on emulated chips.
+//! Faults by order of a scenario, on emulated chips.
 //!
 //! `NODE_CUTS` is the number of power cuts, `NODE_SEED` the first of their seeds.
 
@@ -17,11 +17,11 @@ use super::*;
 
 /// Power cuts of one calibration.
 const AT_ONCE: u64 = 100;
-/// Some of them in the stage, besides those of other tests.
+/// Number of them in the stage, besides those of other tests.
 const USUAL: u64 = 30;
 
-/// Facts of a node that must not vanish, by their keys: what they say may become better, but what a camera saw at a
-/// stop stays what it saw.
+/// Facts of a node that must not vanish, by their keys. They may become better, but a measurement at a stop
+/// does not change.
 type Known = BTreeMap<u8, Fact>;
 
 fn known(facts: &[Fact]) -> Known {
@@ -40,8 +40,8 @@ fn known(facts: &[Fact]) -> Known {
     facts.map(|fact| (fact.key().record(), *fact)).collect()
 }
 
-/// What is not known any more, or is of another network. A reference's stops are given up for the pose that they
-/// led to, and a camera's sightings once it is a reference.
+/// Facts that are no longer known, or are of another network. A reference's stops are given up for the pose that
+/// they led to, and a camera's sightings once it is a reference.
 fn lost(before: &Known, now: &Known) -> Vec<FactKey> {
     let report = match now.get(&FactKey::Report.record()) {
         Some(Fact::Report(report)) => *report,
@@ -53,7 +53,7 @@ fn lost(before: &Known, now: &Known) -> Vec<FactKey> {
         Fact::Sighting(_, kept) => *kept,
         _ => None,
     };
-    // Of more than it has room for a camera keeps the last.
+    // A camera that has more than it has room for keeps the last ones.
     let is_full = now.values().filter_map(kept).count() == SIGHTINGS;
     let is_known = |was: &KeptSighting| {
         let mut all = now.values().filter_map(kept);
@@ -93,8 +93,8 @@ fn cuts(nodes: &[(u16, Role)], count: u64, seed: u64) -> Vec<ScriptedEvent> {
     (0..count).map(|_| cut()).collect()
 }
 
-/// A calibration of `lab` with cuts, of a target too where the seed is odd. How many there were, of which so many
-/// tore a write, and facts that were there before one of them.
+/// A calibration of `lab` with cuts, of a target too where the seed is odd. Returns the numbers of cuts, of
+/// cuts that tore a write, and of facts that were there before a cut.
 fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
     let mut scenario = Scenario::load("lab", &planned()).unwrap();
     let nodes: Vec<_> = [(site::coordinator_id(0), Role::Coordinator)]
@@ -128,9 +128,9 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
         assert!(is_known, "seed {seed}: node {} is no member", node.id);
     }
     println!("{} of 7 cameras are calibrated", record.summary.calibrated);
-    // The stage's few cuts, which spare the target, keep no camera from its pose. A target that missed steps does not
-    // know any more where it is, and poses stay less certain than asked for; with a cut every two seconds, as in the
-    // bench, nobody sees enough. There it is asserted only that some are calibrated.
+    // The stage's few cuts, which spare the target, keep no camera from its pose. A target that missed steps does
+    // not know its place any more, and poses stay less certain than asked for. With a cut every two seconds, as in
+    // the bench, cameras do not see enough. There it is asserted only that some are calibrated.
     let is_spared = !has_cut_target && count <= USUAL;
     assert!(record.summary.calibrated >= if is_spared { 7 } else { 1 });
     let log = String::from_utf8_lossy(&log);
@@ -139,7 +139,7 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
     [made, torn, most]
 }
 
-/// All that a scenario may have go wrong, one after the other, with clocks as wrong as a site may have them.
+/// All faults that a scenario may have, one after the other, with clocks as wrong as a site may have them.
 const ALL: &str = r#"
 clock_ppm = 500.0
 
@@ -212,7 +212,7 @@ at_s = 24.0
 action = { forge = { frames = "beacon", every_s = 0.2, for_s = 2.0 } }
 "#;
 
-/// When frames began, seconds.
+/// Times at which frames began, seconds.
 fn sent(pcap: &[u8]) -> Vec<f64> {
     let word = |at: usize| u32::from_le_bytes(pcap[at..at + 4].try_into().unwrap());
     let (mut at, mut times) = (24, Vec::new());
@@ -223,11 +223,11 @@ fn sent(pcap: &[u8]) -> Vec<f64> {
     times
 }
 
-/// Each comes to the chips and their surroundings; what concerns the chip alone is felt there.
+/// Each fault reaches the chips and their surroundings; one that concerns the chip alone is felt there.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn whatever_a_scenario_has_go_wrong_does() {
-    // What the small network has of its own comes at the end of it.
+    // The small network's own events come at its end.
     let (network, _) = SMALL.split_once("[[event]]").unwrap();
     let (first, rest) = ALL.trim_start().split_once('\n').unwrap();
     let text = format!("{first}\n{network}{rest}");
@@ -256,7 +256,7 @@ fn whatever_a_scenario_has_go_wrong_does() {
         );
     }
     assert_eq!(events, 17);
-    // Who assesses a jammed channel finds it busy, and does not send.
+    // A node that assesses a jammed channel finds it busy, and does not send.
     let sent = sent(&pcap);
     let within = |from: f64, to: f64| sent.iter().filter(|at| (from..to).contains(*at)).count();
     let counts = [within(0.0, 3.0), within(3.001, 6.0), within(6.0, 9.0)];
@@ -264,13 +264,13 @@ fn whatever_a_scenario_has_go_wrong_does() {
         counts[0] > 5 && counts[1] == 0 && counts[2] > 2,
         "{counts:?}"
     );
-    // Whose flash is worn works from RAM, and says so.
+    // A node with worn flash works from RAM, and says so.
     assert!(log.contains("memory: Ram"), "{log}");
     assert!(record.nodes.iter().all(|node| node.failures.is_empty()));
 }
 
-/// Cameras that were told the wrong colour, and one of which learns the right one at the press of a button from who
-/// stands in the middle of its view.
+/// Cameras that were told the wrong colour. One of them learns the right one at the press of a button, from the
+/// person in the middle of its view.
 const WRONG_COLOUR: &str = r#"
 name = "wrong-colour"
 
@@ -310,8 +310,8 @@ fn a_button_has_a_camera_learn_a_colour() {
     assert_eq!([1, 2, 3].map(has_learnt), [false, false, true]);
 }
 
-/// What was learnt outlives every loss of power, all are members in the end, and all cameras calibrated where cuts are
-/// few and the target is spared.
+/// The facts outlast every loss of power, all nodes are members in the end, and all cameras calibrated where cuts
+/// are few and the target is spared.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn power_cuts_over_a_calibration_lose_nothing() {

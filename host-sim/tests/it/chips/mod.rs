@@ -1,5 +1,5 @@
 //! Networks on emulated nRF52840s that run the image that is flashed. `cargo xtask test --stage chip` builds
-//! it and runs these. `XTASK_ALL=1` runs what finds little more and takes long, too.
+//! it and runs these. `XTASK_ALL=1` also runs tests that take long and find little more.
 #![cfg(feature = "chip")]
 
 mod chip_faults;
@@ -20,7 +20,7 @@ use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Simulation};
 use node_firmware::facts::Fact;
 use site::{Overrides, Scenario};
 
-/// Two more power cuts in the small network: in the middle of what is written to the flash when a node joins.
+/// Two more power cuts in the small network: in the middle of the writes to flash when a node joins.
 const CUTS: &str = r#"
 [[event]]
 at_s = 0.5
@@ -46,7 +46,7 @@ impl io::Write for Pages {
     }
 }
 
-/// How often somebody looks on, nanoseconds.
+/// Time between two looks of the onlooker, nanoseconds.
 const LOOKS: u64 = 300_000_000;
 
 /// A run, with all frames on the air and its log.
@@ -54,7 +54,7 @@ fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec
     run_watched(scenario, further_stops, None)
 }
 
-/// A run on which somebody may look.
+/// A run with an onlooker, if wanted.
 fn run_watched(
     scenario: Scenario,
     further_stops: usize,
@@ -104,7 +104,7 @@ fn run_watched(
         assert!((1_000..all).contains(&used), "node {id}: {used} {all}");
     }
     for node in &record.nodes {
-        // No chip restarts by itself but when its settings are new.
+        // A chip restarts by itself only when its settings are new.
         assert_eq!(node.failures, [], "node {}", node.id);
         let role = match node.role {
             Role::Coordinator => "coordinator",
@@ -119,7 +119,7 @@ fn run_watched(
     (simulation, record, files)
 }
 
-/// With twice the stops of somebody who measures exactly, for a carrier's steps are uncertain by a tenth.
+/// With twice the stops of a carrier who measures exactly, because this one's steps are uncertain by a tenth.
 fn planned() -> Overrides {
     Overrides {
         stops: Some(6),
@@ -127,8 +127,8 @@ fn planned() -> Overrides {
     }
 }
 
-/// Also where power goes while flash is written. The poses of its cameras are, to the last bit, those that
-/// this processor finds from the same sightings.
+/// This also holds where power goes while flash is written. The poses of its cameras are, to the last bit,
+/// those that this processor finds from the same sightings.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_network_does_the_same_each_time() {
@@ -141,18 +141,18 @@ fn a_network_does_the_same_each_time() {
         Some(&mut |simulation| looks += onlooker.look(simulation).len()),
     );
     assert!(looks > 20);
-    // The verdict was made of what chips have in their flash while they run.
+    // The verdict was made from the flash of the chips while they ran.
     assert_eq!(simulation.further_stops(), 2);
     check_arithmetic(&simulation, &record);
     for node in &record.nodes {
-        // Nobody sees what it says before that is encrypted.
+        // The bytes that it sends are not seen before they are encrypted.
         assert_eq!(node.payload_bytes, None);
         let is_known = node.address.is_some() || node.role == Role::Coordinator;
         assert!(is_known, "node {} has not joined", node.id);
     }
     let log = String::from_utf8_lossy(&files[1]);
     assert_eq!(log.matches("loses its power").count(), 3, "{log}");
-    // Nor does it matter who looks on, and how often.
+    // An onlooker, and the number of its looks, change nothing.
     let (_, again, same) = run(small(), 2);
     assert!(files[0].len() > 1_000);
     assert!(files == same, "something else happened");
@@ -166,8 +166,8 @@ fn a_network_does_the_same_each_time() {
     );
 }
 
-/// What only flash knows comes while the run goes on: a sighting soon after its stop began, each stop before the
-/// next one begins.
+/// Facts that only flash has are told while the run goes on: a sighting soon after its stop began, a stop before
+/// the next one begins.
 fn told_as_it_happens(record: &RunRecord, events: &[Event]) {
     let begins = |event: &Event| match &event.what {
         What::Stop { begins, is, .. } if *begins => Some((event.seconds, is.stop)),

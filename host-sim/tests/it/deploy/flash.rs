@@ -1,4 +1,4 @@
-//! What `host-sim flash` has probe-rs do; a script is in its place.
+//! Calls of probe-rs by `host-sim flash`; a script takes the place of probe-rs.
 
 use std::fs;
 
@@ -6,8 +6,8 @@ use node_firmware::config::page::PAGE_MAX;
 
 use super::place::{CARRIER, Place};
 
-/// Notes how it is called. It fails when it is to fail at that. What a board has in its flash is in
-/// the file `read`, as probe-rs prints it; otherwise the flash is erased.
+/// Notes its calls. It fails at the call that is named in `FAIL`. The file `read` has the contents of the
+/// board's flash, as probe-rs prints them; without it the flash is erased.
 const PROBE_RS: &str = r#"
 here="${0%/*}"
 echo "$*" >> "$here/calls"
@@ -18,7 +18,7 @@ case "$1" in read)
 esac
 "#;
 
-/// Where images end at the latest.
+/// Highest end of an image.
 const IMAGE_END: u32 = 0x000e_d000;
 
 fn place() -> Place {
@@ -102,7 +102,7 @@ fn board_has(place: &Place, page: &str, with_addresses: bool) {
     place.write("bin/read", &text);
 }
 
-/// What probe-rs was called with, without the folder of the test.
+/// Arguments of the calls of probe-rs, without the folder of the test.
 fn calls(place: &Place) -> Vec<String> {
     let calls = fs::read_to_string(place.path("bin/calls")).unwrap_or_default();
     let folder = format!("{}/", place.path("").canonicalize().unwrap().display());
@@ -132,7 +132,7 @@ fn image_page_and_reset() {
     assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
 }
 
-/// Its flash is elsewhere, and so are its pages: 0x080ed800 to 0x080fffff.
+/// Another board's flash has other addresses, and so have its pages: 0x080ed800 to 0x080fffff.
 #[test]
 fn another_board() {
     let place = place();
@@ -145,7 +145,7 @@ fn another_board() {
         "--config=page.bin",
         "--erase-memory",
     ];
-    // That of the other board, and one that is too long.
+    // The image of the other board, and one that is too long.
     place.run(&words).fails("before the board's flash");
     fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1801)).unwrap();
     place.run(&words).fails("into the pages of the node");
@@ -180,7 +180,7 @@ fn an_image_alone_for_one_of_several_probes() {
     assert_eq!(calls(&place), expected);
 }
 
-/// 0x000ed000 to 0x000fefff.
+/// The memory is at 0x000ed000 to 0x000fefff.
 #[test]
 fn the_memory_is_erased_last() {
     let place = place();
@@ -220,7 +220,7 @@ fn a_locked_board_is_closed_last() {
     assert_eq!(fs::read(place.path(file)).unwrap(), [0, 0xFF, 0xFF, 0xFF]);
 }
 
-/// Nothing of it can be read before.
+/// Nothing of the board can be read before that.
 #[test]
 fn a_locked_board_is_erased_first() {
     let place = place();
@@ -291,7 +291,7 @@ fn a_dry_run_tells_the_commands() {
     assert_eq!(told, done);
 }
 
-/// As the README says it, with no image named.
+/// As in the README, without a named image.
 #[test]
 fn the_image_is_where_it_was_built() {
     let place = place();
@@ -315,7 +315,7 @@ fn the_image_is_where_it_was_built() {
     );
 }
 
-/// Another node's board, or this one with what it learnt as another: nothing is written.
+/// Another node's board, or this one with its memory as another node: nothing is written.
 #[test]
 fn a_board_that_is_another_node_is_refused() {
     for with_addresses in [false, true] {
@@ -378,7 +378,7 @@ fn nothing_is_skipped() {
         [page, vec![0xFF; PAGE_MAX]].concat(),
     )
     .unwrap();
-    // Nothing of it runs beyond; its first values do.
+    // Its contents end within the flash, but reach beyond the image's end; those of the other one begin in RAM.
     fs::write(place.path("large.elf"), elf(0, IMAGE_END + 1)).unwrap();
     fs::write(place.path("ram.elf"), elf(0, 0x2000_1000)).unwrap();
     let mut other = elf(0, IMAGE_END);

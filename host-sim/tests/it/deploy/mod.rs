@@ -1,4 +1,4 @@
-//! Keys, pages and boards, by the commands that people type.
+//! Keys, pages and boards, by the commands that users type.
 #![cfg(unix)]
 
 mod flash;

@@ -10,13 +10,13 @@ use std::{
 use node_firmware::config::SiteKey;
 use tempfile::TempDir;
 
-/// How wrong a target's step sensor may be, which nobody can guess.
+/// Options for the errors of a target's step sensor: they have to be given.
 pub(crate) const CARRIER: [&str; 2] = ["--systematic-heading=3", "--systematic-scale=0.08"];
 
 /// A folder of its own, in which programs are found only in `bin`.
 pub(crate) struct Place(TempDir);
 
-/// What a command said.
+/// Output of a command.
 pub(crate) struct Run {
     status: Option<i32>,
     stdout: String,
@@ -29,7 +29,7 @@ impl Place {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// With a key in `site.sitekey`.
+    /// A folder with a key in `site.sitekey`.
     pub(crate) fn with_key() -> Self {
         let place = Self::new();
         place.run(&["keygen"]).ok();
@@ -44,7 +44,7 @@ impl Place {
         fs::write(self.path(name), text).unwrap();
     }
 
-    /// A shell script as a program that is found.
+    /// Installs a shell script as a program that commands find.
     pub(crate) fn install(&self, program: &str, script: &str) {
         fs::create_dir_all(self.path("bin")).unwrap();
         let path = self.path("bin").join(program);
@@ -64,7 +64,7 @@ impl Place {
         self.run_with(words, &[])
     }
 
-    /// Runs a command. Whatever it is, it does not show the key.
+    /// Runs a command. No command shows the key.
     pub(crate) fn run_with(&self, words: &[&str], environment: &[(&str, &str)]) -> Run {
         let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
             .args(words)
@@ -101,14 +101,14 @@ impl Place {
 }
 
 impl Run {
-    /// It succeeded: its output.
+    /// Checks that it succeeded; returns its output.
     #[track_caller]
     pub(crate) fn ok(self) -> String {
         assert_eq!(self.status, Some(0), "{}", self.stderr);
         self.stdout
     }
 
-    /// It failed, and told this, without a backtrace.
+    /// Checks that it failed, and told this, without a backtrace.
     #[track_caller]
     pub(crate) fn fails(self, error: &str) {
         assert_eq!(self.status, Some(2), "{}", self.stderr);

@@ -420,7 +420,7 @@ fn no_page_is_written_over() {
     assert_eq!(decode(&place, "page.bin").id, 1);
 }
 
-/// A page has 512 bytes: what is shorter was cut off, what is longer does not fit its place.
+/// A page has 512 bytes: a shorter file was cut off, a longer one does not fit its place.
 #[test]
 fn a_page_of_another_length_is_refused() {
     let place = Place::with_key();
@@ -484,7 +484,7 @@ fn a_page_is_shown_without_its_key() {
     place.run(&["provision", "--show=page.bin"]).fails("blank");
 }
 
-/// What is shown says all: it makes the same page.
+/// The output of `--show` is complete: it makes the same page.
 #[test]
 fn what_is_shown_can_be_provisioned() {
     let place = Place::with_key();
@@ -507,7 +507,7 @@ fn what_is_shown_can_be_provisioned() {
     }
 }
 
-/// What is read stays, by whatever name it is called.
+/// Files that are read stay, by whatever name they are called.
 #[test]
 fn a_page_never_replaces_what_it_was_made_of() {
     let place = Place::with_key();

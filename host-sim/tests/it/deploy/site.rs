@@ -101,7 +101,7 @@ fn all_pages_are_written_or_none() {
     assert_eq!(fs::read_dir(place.path("pages")).unwrap().count(), 1);
     place.run(&[&PROVISION[..], &["--overwrite"]].concat()).ok();
     assert_eq!(fs::read_dir(place.path("pages")).unwrap().count(), 5);
-    // A page of the folder is what the site is made of.
+    // A page of the folder is the file of the site itself.
     fs::rename(place.path("room.toml"), place.path("pages/room.toml")).unwrap();
     std::os::unix::fs::symlink("room.toml", place.path("pages/link")).unwrap();
     fs::remove_file(place.path("pages/node-3.page.bin")).unwrap();

@@ -12,7 +12,7 @@ use hyper_util::client::legacy::connect::HttpConnector;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// What no page should need, however slow the computer is.
+/// Time that no page should need, however slow the computer is.
 pub(super) const HANGS: Duration = Duration::from_secs(600);
 
 /// A program that ends with its test.
@@ -52,7 +52,7 @@ pub(super) fn free_port() -> u16 {
 
 pub(super) struct Browser {
     pub(super) client: Client,
-    /// What it keeps, and what is downloaded.
+    /// Folder of the browser's data and of downloads.
     pub(super) profile: TempDir,
     _driver: Running,
 }
@@ -63,18 +63,18 @@ impl Browser {
         let profile = TempDir::new().unwrap();
         let mut options = json!({ "args": [
             "--headless=new",
-            // Who runs tests as root has no sandbox.
+            // For root, there is no sandbox.
             "--no-sandbox",
-            // Containers have little of it.
+            // Containers have little shared memory.
             "--disable-dev-shm-usage",
             "--disable-background-networking",
-            // What scripts hold can be told, byte by byte.
+            // The memory of scripts can be told, byte by byte.
             "--enable-precise-memory-info",
             "--js-flags=--expose-gc",
             format!("--user-data-dir={}", profile.path().display()),
             "--window-size=1280,1000",
         ] });
-        // Where what is saved goes.
+        // Folder of saved files.
         options["prefs"] = json!({ "download.default_directory": profile.path() });
         if width < 500 {
             // No window is as narrow as a phone.

@@ -1,4 +1,4 @@
-//! What it takes to draw.
+//! Work of drawing.
 
 use std::{fs, process::Stdio};
 
@@ -11,8 +11,8 @@ use super::{
     thousand::{self, MOVES},
 };
 
-/// However many cameras there are, a frame draws a bounded part of them while people zoom and move about; and
-/// once they stop, the picture is whole again.
+/// However many cameras there are, a frame draws a bounded part of them while the user zooms and moves about;
+/// afterwards the picture is whole again.
 #[tokio::test]
 async fn a_frame_draws_a_bounded_part_of_a_thousand_cameras() {
     let folder = TempDir::new().unwrap();
@@ -24,7 +24,7 @@ async fn a_frame_draws_a_bounded_part_of_a_thousand_cameras() {
     browser
         .until("return document.body.dataset.ended === 'true'")
         .await;
-    // Each camera, and what it sees, is a path.
+    // Each camera, and its field of view, is a path.
     let count = "window.paths = 0;
         const kind = CanvasRenderingContext2D.prototype;
         const own = kind.beginPath;

@@ -10,7 +10,7 @@ use super::{
     looks::{ask, await_file, read},
 };
 
-/// What the editor's page tells of a camera: the cells of its row.
+/// A camera's row on the editor's page: its cells.
 async fn row(browser: &Browser, camera: u16) -> Vec<String> {
     let cells = format!(
         "return [...document.querySelector('#cameras tr[data-camera=\"{camera}\"]').cells]
@@ -27,7 +27,7 @@ fn drag(from: [f64; 2], to: [f64; 2]) -> String {
          const at = (x, y) => new DOMPoint(x, -y).matrixTransform(svg.getScreenCTM());
          const event = (name, x, y) => new PointerEvent(name,
              {{clientX: at(x, y).x, clientY: at(x, y).y, pointerId: 1, bubbles: true}});
-         // Only pointers that there are can be captured.
+         // Only existing pointers can be captured.
          svg.setPointerCapture = () => {{}};
          const from = document.elementFromPoint(at({a}, {b}).x, at({a}, {b}).y);
          from.dispatchEvent(event('pointerdown', {a}, {b}));
@@ -36,7 +36,7 @@ fn drag(from: [f64; 2], to: [f64; 2]) -> String {
     )
 }
 
-/// Waits until the server has judged what was done last.
+/// Waits until the server has judged the last change.
 async fn judged(browser: &Browser) {
     let done = "return document.getElementById('link').textContent === 'computed' && isJudged()";
     let is = "window.isJudged = () => document.body.dataset.judged !== window.judgedBefore";
@@ -50,7 +50,7 @@ async fn judged(browser: &Browser) {
 #[tokio::test]
 async fn a_site_is_edited_and_calibrates() {
     let folder = TempDir::new().unwrap();
-    // A name that would be more than text, were it not escaped.
+    // A name that would be more than text, if it were not escaped.
     let [site, saved, record] = ["<img src=x onerror=alert(1)>.toml", "saved.toml", "r.json"]
         .map(|name| folder.path().join(name));
     let (_, thesis) = site::BUILT_IN[0];
@@ -114,7 +114,7 @@ async fn a_site_is_edited_and_calibrates() {
         .until("return document.getElementById('link').textContent.startsWith('saved as')")
         .await;
 
-    // The input is as it was; of the new file only what was changed differs, and it calibrates.
+    // The input is unchanged; the new file differs only in the changes, and it calibrates.
     assert_eq!(fs::read_to_string(&site).unwrap(), text);
     let new = fs::read_to_string(&saved).unwrap();
     let lost: Vec<_> = { text.lines() }
@@ -139,7 +139,7 @@ async fn a_site_is_edited_and_calibrates() {
     browser.is_clean(own).await;
     browser.end().await;
 
-    // Neither another page nor one without the token.
+    // Another page is refused, and so is one without the token.
     let host = own["http://".len()..].trim_end_matches('/');
     let token = &url[url.find('#').unwrap() + 1..];
     for (path, origin, token) in [
@@ -190,7 +190,7 @@ async fn a_wall_is_moved_and_the_file_downloaded() {
     browser.end().await;
 }
 
-/// Cameras of a grid become cameras that can be moved; advice says of which network a further one is.
+/// Cameras of a grid become cameras that can be moved; advice names the network of a further camera.
 #[tokio::test]
 async fn a_grid_is_edited_and_fits_a_phone() {
     let folder = TempDir::new().unwrap();

@@ -11,7 +11,7 @@ use super::{
     looks::{events_until, live, read, rehearsal},
 };
 
-/// Nobody looks at a page for a network whose line is misspelled.
+/// A page is not served for a network whose line is misspelled.
 #[test]
 fn a_port_that_is_not_there_is_told_at_once() {
     let mut command = host_sim(&["live", "--port", "/nowhere/line"]);
@@ -22,7 +22,7 @@ fn a_port_that_is_not_there_is_told_at_once() {
     assert!(ended.stdout.is_empty());
 }
 
-/// Types into the page what a person would, against a coordinator behind a pseudo-terminal.
+/// Types into the page as a user would, against a coordinator behind a pseudo-terminal.
 #[tokio::test]
 async fn commands_reach_a_coordinator_on_a_line_and_come_back_confirmed() {
     let folder = TempDir::new().unwrap();
@@ -35,7 +35,7 @@ async fn commands_reach_a_coordinator_on_a_line_and_come_back_confirmed() {
     browser
         .until("return document.querySelectorAll('#checklist tr[data-camera]').length >= 6")
         .await;
-    // Before it has started, it refuses what it is told.
+    // The coordinator refuses commands before it has started.
     browser.until(&is_calibrated(1)).await;
     browser
         .run("document.querySelector('[data-camera=\"1\"]').click()")
@@ -54,7 +54,7 @@ async fn commands_reach_a_coordinator_on_a_line_and_come_back_confirmed() {
     let done =
         "return document.getElementById('node-log').textContent.includes('stop-tracking: done')";
     browser.until(done).await;
-    // What only a simulation can do is refused in words.
+    // Commands that only a simulation has are refused in words.
     browser.run("[...document.querySelectorAll('#controls button')].find(b => b.textContent === 'open').click()").await;
     browser
         .until(
@@ -70,7 +70,7 @@ async fn commands_reach_a_coordinator_on_a_line_and_come_back_confirmed() {
     browser.end().await;
 }
 
-/// From the command line: what cameras see that track, in files, and what happened, as events.
+/// On the command line: packets of cameras that track, in files, and the events.
 #[test]
 fn the_console_writes_what_cameras_track_and_what_happens() {
     let folder = TempDir::new().unwrap();
@@ -106,7 +106,7 @@ fn the_console_writes_what_cameras_track_and_what_happens() {
     assert!(rows.starts_with("seconds,mx,my,left,upper,right,lower,pixels,confidence\n"));
 }
 
-/// On the page, this camera has a pose.
+/// Script that returns true if this camera has a pose on the page.
 fn is_calibrated(camera: u16) -> String {
     format!(
         "const nodes = window.shown().record?.nodes ?? [];
@@ -114,7 +114,7 @@ fn is_calibrated(camera: u16) -> String {
     )
 }
 
-/// Presses what people press on the page.
+/// Presses a button of the page as users do.
 fn press(among: &str, name: &str) -> String {
     format!(
         "[...document.querySelectorAll('{among} button')]
@@ -122,8 +122,8 @@ fn press(among: &str, name: &str) -> String {
     )
 }
 
-/// Two coordinators are one page, in whatever order their lines are named; each command goes to whom it
-/// concerns.
+/// Two coordinators are one page, in whatever order their lines are named; each command goes to the coordinator
+/// that it concerns.
 #[tokio::test]
 async fn the_coordinators_of_a_site_are_one_page() {
     let folder = TempDir::new().unwrap();
@@ -140,7 +140,7 @@ async fn the_coordinators_of_a_site_are_one_page() {
             && record.nodes.filter(node => node.role === 'camera' && node.address !== null).length === 8";
     browser.until(all).await;
     browser.until(&is_calibrated(7)).await;
-    // As the file has them.
+    // In the order of the file.
     let networks = "return window.shown().record.nodes.filter(node => node.role === 'camera')
         .map(node => [node.id, node.network])";
     let expected = json!([
@@ -187,7 +187,7 @@ async fn the_coordinators_of_a_site_are_one_page() {
     browser.end().await;
 }
 
-/// Whoever restarts a coordinator, or pulls its plug and puts it back, need not start the page again.
+/// A coordinator may restart, or its plug be pulled and put back: the page need not be started again.
 #[tokio::test]
 async fn a_line_that_failed_is_opened_again() {
     let folder = TempDir::new().unwrap();
@@ -213,7 +213,7 @@ async fn a_line_that_failed_is_opened_again() {
     browser.end().await;
 }
 
-/// What the coordinator tells of a target that stands goes over the line, as an event, to the map.
+/// A coordinator's message about a target that stands goes over the line, as an event, to the map.
 #[tokio::test]
 async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     let folder = TempDir::new().unwrap();
@@ -222,7 +222,7 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     let _rehearsal = rehearsal("lab", "10x", &[line]);
     let (_server, url) = live(&["--port", line, "--site", "lab"]);
     let browser = Browser::start(1280).await;
-    // What is written and where circles are, since the picture was begun anew.
+    // The texts and the places of circles since the picture was begun anew.
     let spy = "window.drawn = [];
         const kind = CanvasRenderingContext2D.prototype;
         for (const name of ['setTransform', 'fillText', 'arc']) {
@@ -246,7 +246,7 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
             name === 'arc' && r === radius && Math.abs(x - text[2]) < 1 && Math.abs(y - text[3]) < 15))";
     browser.until(drawn).await;
 
-    // The first stop may be known with its target; of a later one its begin is told, and then who saw it there.
+    // The first stop may be known with its target. Of a later one the begin is told, and then who saw it there.
     let mut begun = Vec::new();
     let events = events_until(&url, |event| match event.what {
         What::Stop {

@@ -1,4 +1,4 @@
-//! What tests look at on a page, and what they hold it against.
+//! Looks of tests at a page, and the records to compare it with.
 
 use std::{
     env, fs,
@@ -55,13 +55,13 @@ impl Browser {
         Self::driven(&driver, profile, capabilities).await
     }
 
-    /// What the page shows, folded by its own script. As text: drivers are not exact with numbers.
+    /// The page's state, folded by its own script. As text: drivers are not exact with numbers.
     pub(super) async fn shown(&self) -> Value {
         let shown = self.run("return JSON.stringify(window.shown())").await;
         serde_json::from_str(shown.as_str().unwrap()).unwrap()
     }
 
-    /// The page asked nobody but its own server, and nothing went wrong.
+    /// Checks that the page asked only its own server, and that nothing went wrong.
     pub(super) async fn is_clean(&self, server: &str) {
         let asked = "return performance.getEntriesByType('resource').map(entry => entry.name)";
         for asked in self.run(asked).await.as_array().unwrap() {
@@ -70,7 +70,7 @@ impl Browser {
                 asked.starts_with("data:") || !server.is_empty() && asked.starts_with(server);
             assert!(is_own, "{asked}");
         }
-        // Of the others, drivers do not tell it.
+        // Drivers of other browsers do not tell the log.
         let has_log = "return navigator.userAgent.includes('Chrome')";
         if self.run(has_log).await == json!(true) {
             let log = self.client.issue_cmd(ConsoleLog).await.unwrap();
@@ -79,7 +79,7 @@ impl Browser {
     }
 }
 
-/// Map, table and banner are of what the record says.
+/// Checks that map, table and banner agree with the record.
 pub(super) async fn shows(browser: &Browser, record: &RunRecord) {
     let shown = browser.shown().await;
     let nodes: Vec<answers::record::Node> =

@@ -1,4 +1,4 @@
-//! What the page and its server keep.
+//! Memory of the page and its server.
 
 #![cfg(target_os = "linux")]
 
@@ -15,7 +15,7 @@ use super::browser::{Browser, host_sim};
 /// Set in the process that is measured.
 const ALONE: &str = "MEMORY_ALONE";
 
-/// What this process takes of the machine's memory, in bytes.
+/// Memory of the machine that this process takes, in bytes.
 fn resident() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:"));
@@ -29,16 +29,16 @@ fn resident() -> u64 {
     kib << 10
 }
 
-/// What the page's scripts hold, after a collection of what they do not.
+/// Memory of the page's scripts, after a collection of garbage.
 async fn heap(browser: &Browser) -> u64 {
     let used = "gc(); gc(); return performance.memory.usedJSHeapSize";
     browser.run(used).await.as_u64().unwrap()
 }
 
-/// The walk of `thesis-13` again and again, without an end, as fast as the page follows. What is kept is
-/// bounded in number, so nothing grows once there is as much: at the latest after ten hours.
+/// The walk of `thesis-13` again and again, without an end, as fast as the page follows. The number of kept
+/// items is bounded, so memory stops growing at the latest after ten hours.
 ///
-/// It runs in a process of its own, for other tests take memory too.
+/// It runs in a process of its own, because other tests take memory too.
 #[tokio::test]
 async fn memory_does_not_grow_without_end() {
     if env::var_os(ALONE).is_none() {
@@ -103,14 +103,14 @@ async fn memory_does_not_grow_without_end() {
     let [_, hour, ten, twenty] = measured[..] else {
         panic!("{measured:?}")
     };
-    // A picture more or less, and what the allocators keep.
+    // A picture more or less, and the reserves of the allocators.
     const SLACK: u64 = 3 << 20;
     assert!(twenty.1 <= ten.1 + ten.1 / 10 + SLACK, "page: {measured:?}");
     assert!(
         twenty.2 <= ten.2 + ten.2 / 10 + SLACK,
         "server: {measured:?}"
     );
-    // Of an hour, everything can still be played back.
+    // An hour can still be played back completely.
     assert!(hour.1 < 64 << 20, "page: {measured:?}");
     browser.end().await;
 }

@@ -33,7 +33,7 @@ pub(super) async fn a_report_opens(browser: Browser) {
     shows(&browser, &record).await;
     let verdict = Verdict::of(&record).to_string();
     assert_eq!(banner(&browser).await, verdict.lines().next().unwrap());
-    // Something is drawn.
+    // The map is not empty.
     let inks = "const map = document.getElementById('map');
         const {data} = map.getContext('2d').getImageData(0, 0, map.width, map.height);
         const seen = new Set();
@@ -82,7 +82,7 @@ pub(super) async fn a_simulation_shows_itself(browser: Browser) {
         .until("return document.body.dataset.ended === 'true'")
         .await;
     shows(&browser, &record).await;
-    // It was told piece by piece, and is that of the end, word for word.
+    // The verdict was told piece by piece, and is that of the end, word for word.
     let verdict = events.iter().rev().find_map(|event| match &event.what {
         What::Verdict {
             words, findings, ..
@@ -117,7 +117,7 @@ pub(super) async fn a_simulation_shows_itself(browser: Browser) {
     browser.client.close_window().await.unwrap();
     browser.client.switch_to_window(first).await.unwrap();
 
-    // It is told that the server is gone; what was there stays.
+    // The page tells that the server is gone; its contents stay.
     drop(server);
     browser
         .until("return document.getElementById('link').classList.contains('lost')")

@@ -1,4 +1,4 @@
-//! A page with very many cameras, and somebody who zooms and moves about on it.
+//! A page with very many cameras, whose view zooms and moves about.
 
 use answers::record::{Estimate, RunRecord, event};
 use calib_core::{Pose, Status};
@@ -6,8 +6,8 @@ use host_sim::network::{Options, Simulation};
 use nalgebra::{Matrix3, Point2};
 use site::{Overrides, Scenario};
 
-/// Before each frame, zooms and moves on; tells how long scripts took for each, how many paths they drew if
-/// `paths` counts them, and when it was.
+/// Zooms and moves on before each frame. Tells for each the time of its scripts, the number of paths that they
+/// drew if `paths` counts them, and its time.
 pub(super) const MOVES: &str = "
     const map = document.getElementById('map');
     const own = window.requestAnimationFrame.bind(window);

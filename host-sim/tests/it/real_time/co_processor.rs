@@ -40,13 +40,13 @@ use super::{
     },
 };
 
-/// Another node on this computer, and what reaches it.
+/// Link of another node on this computer.
 type Link<'a> = Shared<&'a StdClock, 4, 4, 1>;
 
-/// The start of a camera takes some six seconds, five of them adapting to the light.
+/// Limit of a test. A camera's start takes some six seconds; it adapts to the light for five of them.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// What `settings` and `provisioned` have too.
+/// Values that `settings` and `provisioned` have too.
 fn config(number: u8, role: RoleConfig) -> Config {
     Config {
         id: number.into(),
@@ -83,9 +83,9 @@ async fn tell<T, R: Radio, F: NorFlash>(
     }
 }
 
-/// The node forms a network, opens it at the press of a button, and a node on this computer joins
-/// and presents itself, which the PC on the node's line is told. A second start goes on from its flash: the
-/// other node comes back without a button being pressed. Its co-processor restarts in the middle of both.
+/// The node forms a network and opens it at the press of a button. A node on this computer joins and
+/// presents itself; the PC on the node's line is told. A second start goes on from flash: the other node
+/// comes back without a press of a button. The node's co-processor restarts in the middle of both.
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_coordinator_forms_a_network() {
@@ -103,7 +103,7 @@ enum Start {
     Again,
 }
 
-/// Until a node on this computer has joined and presented itself.
+/// Runs until a node on this computer has joined and presented itself.
 fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
     let clock = StdClock::new();
     let [(mut co_processor, own_radio), (_process, mut radio)] = [1, 2].map(|node| air.node(node));
@@ -152,7 +152,7 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
     let other = (&link, &mut radio, &mut store);
     let told = tell(story, node, other, pending());
     let membership = poll_for(LIMIT, told).expect("it takes too long");
-    // It draws the rest of its address.
+    // The node draws the rest of its address.
     assert_eq!(membership.coordinator.number(), 0);
     assert_ne!(membership.short, ShortAddress::COORDINATOR);
     membership
@@ -165,19 +165,19 @@ fn restart(co_processor: &mut Process) {
 }
 
 /// The node joins, brings up its camera, looks three times at a ball whose place it is told, and
-/// reports where it stands: at the origin, looking along the x axis.
+/// reports its pose: at the origin, looking along the x axis.
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_camera_finds_its_pose() {
-    // Columns, and how far away the ball is.
+    // Columns, and distances of the ball.
     let stops = [(15.0, 5.0), (43.5, 2.5), (70.0, 4.0)];
     let pose = calibrate(camera_config(), &stops, None);
     check_pose(&pose);
 }
 
-/// The same of the first of two reference cameras, and of a ball whose place nobody knows, only how it
-/// went on from its first stop. The second camera, on the x axis and looking at what is in front of the
-/// first one, is this computer.
+/// The same of the first of two reference cameras, and of a ball whose place is not known, but only how
+/// it went on from its first stop. This computer plays the second camera, which is on the x axis and looks
+/// at the space in front of the first one.
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_reference_camera_finds_its_pose() {
@@ -206,9 +206,9 @@ fn a_reference_camera_finds_its_pose() {
     assert!(off.abs() < 4.0 * sigma && sigma < 0.05, "{pose:?}");
 }
 
-/// From the first reference camera to the second.
+/// Distance from the first reference camera to the second.
 const BASELINE: f32 = 5.0;
-/// What the second one sees is known to this, radians.
+/// Sigma of the second camera's bearings, radians.
 const BEARING_SIGMA: f32 = 0.003;
 
 fn camera_config() -> CameraConfig {
@@ -221,9 +221,9 @@ fn camera_config() -> CameraConfig {
     CameraConfig::new(Lens::pin_hole(88, 45.0), subjects)
 }
 
-/// Shows a ball to a camera, in these columns and so far away, until it has a pose. The places of the
-/// ball are told; or else the heading of the camera, if it is the first reference, is given here, and
-/// told is how the ball has walked and what the second reference saw.
+/// Shows a ball to a camera, in these columns and at these distances, until it has a pose. The camera is told
+/// the places of the ball. If it is the first reference, its heading is given here, and it is told how the
+/// ball has walked and what the second reference saw.
 fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>) -> PoseParts {
     let eye = config.lens.camera().unwrap();
     let turn = Rotation2::new(reference.unwrap_or(0.0));
@@ -364,7 +364,7 @@ fn stopped(stop: u16, frame: CoordinateFrame, position: Vector2<f32>) -> Stopped
     }
 }
 
-/// What the second reference camera sees of a ball that is there.
+/// Bearing of a ball at this place from the second reference camera.
 fn second_saw(stop: u16, place: Vector2<f32>) -> StopBearing {
     let turn_back = Rotation2::new(-3.0 * FRAC_PI_4);
     let seen = turn_back * (place - Vector2::new(BASELINE, 0.0));

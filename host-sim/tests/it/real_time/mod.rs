@@ -1,4 +1,4 @@
-//! Tests in real time, against real programs. `cargo xtask peers` builds what is needed and runs these.
+//! Tests in real time, against real programs. `cargo xtask peers` builds the programs and runs these.
 #![cfg(unix)]
 
 mod co_processor;

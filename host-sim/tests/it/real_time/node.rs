@@ -1,4 +1,4 @@
-//! A node on this computer, and what is on its lines.
+//! A node on this computer, and the devices on its lines.
 
 use std::{
     cell::{Cell, RefCell},
@@ -34,7 +34,7 @@ use super::peer::{Rcp, StdClock};
 const BYTE_BITS: Time = 10;
 const SECOND: Time = 1_000_000_000;
 
-/// What the link remembers is in front of what the role does.
+/// Pages of the link's memory, which are in front of those of the role's.
 const LINK: u32 = 4 * PAGE as u32;
 
 /// One end of a line that takes no time.
@@ -108,7 +108,7 @@ impl Write for Line {
     }
 }
 
-/// A node. Its flash outlasts its being switched off.
+/// A node. Its flash keeps its contents when it is switched off.
 pub(crate) struct Machine {
     config: CheckedConfig,
     flash: Flash,
@@ -157,7 +157,7 @@ impl Buttons for Panel {
     }
 }
 
-/// No target is here.
+/// There is no target here.
 pub(crate) struct NoSteps;
 
 impl StepSensor for NoSteps {
@@ -192,7 +192,7 @@ impl Machine {
         }
     }
 
-    /// Switches it on, until this is dropped; ends only with why it cannot go on.
+    /// Runs the node until this is dropped; returns only the reason why it cannot go on.
     pub(crate) fn run(
         &mut self,
         uart: Line,
@@ -272,7 +272,7 @@ impl Camera {
         *self.emulator.scene_mut() = Scene::with_object([220, 110, 40], Shape::Disc, extent);
         let now = self.start.elapsed().as_nanos() as Time;
         for byte in self.line.take() {
-            // A line would carry them one after the other; early is late enough here.
+            // A line would carry bytes one after the other; so early is late enough here.
             self.free_at = now.max(self.free_at + self.byte_time);
             self.emulator.receive(byte, self.free_at);
         }

@@ -6,7 +6,7 @@ use tempfile::TempDir;
 
 use crate::{common::wait_until, small::SMALL};
 
-/// The node talks to it as far as it goes without a real one.
+/// The node talks to the camera as far as that works without a real one.
 #[test]
 #[ignore = "takes a minute of real time: cargo xtask peers"]
 fn a_camera_on_a_port_takes_the_place_of_a_simulated_one() {
@@ -35,7 +35,7 @@ fn a_camera_on_a_port_takes_the_place_of_a_simulated_one() {
     camera.wait().unwrap();
     let stderr = String::from_utf8(ended.unwrap().stderr).unwrap();
     let log = fs::read_to_string(log).unwrap();
-    // It looks elsewhere, so it finds no pose; but it looks.
+    // The camera looks elsewhere, so it finds no pose; but it looks.
     let answers = log
         .lines()
         .filter(|line| line.contains("node 3: ") && line.contains("Look("));

@@ -1,5 +1,4 @@
-//! What is wrong on the command line or in a file is told at once, with what to do, and changes
-//! nothing.
+//! Errors on the command line or in a file are told at once, with advice, and change nothing.
 
 use std::fs;
 
@@ -188,7 +187,7 @@ fn options_that_would_do_nothing() {
     }
 }
 
-/// It would become a file of that name.
+/// Otherwise it would become a file of that name.
 #[test]
 fn a_dash_is_no_name_for_a_result() {
     let files = Files::new();
@@ -211,7 +210,7 @@ fn a_dash_is_no_name_for_a_result() {
     }
 }
 
-/// Which of several scenarios it was is known from its file.
+/// The file tells which of several scenarios it was.
 #[test]
 fn a_scenario_that_cannot_be_put_up_is_named() {
     let files = Files::new();
@@ -274,7 +273,7 @@ fn names_with_control_characters() {
     }
 }
 
-/// They have no end, or nothing that can be gone back to.
+/// Devices have no end, or cannot be read again.
 #[test]
 #[cfg(target_os = "linux")]
 fn devices_are_no_records() {
@@ -291,7 +290,7 @@ fn devices_are_no_records() {
     );
 }
 
-/// A run would have made the log.
+/// Otherwise a run would have made the log.
 #[test]
 fn results_that_cannot_be_written_are_found_before_the_run() {
     let files = Files::new();
@@ -314,7 +313,7 @@ fn results_that_cannot_be_written_are_found_before_the_run() {
         refused(&["run", "lab", "--log", &log, option, path], expected);
         assert!(!fs::exists(&log).unwrap(), "{option} {path}");
     }
-    // A camera within an obstacle, which only the world shows.
+    // A camera within an obstacle: only the world shows this.
     let lab = include_str!("../../../../site/scenarios/lab.toml");
     let pillar = "[[world.obstacle]]\npillar = { x = 0.0, y = 0.0, radius = 1.0 }\n";
     let impossible = files.write("impossible.toml", &format!("{lab}{pillar}"));
@@ -342,7 +341,7 @@ fn results_that_cannot_be_written_are_found_before_the_run() {
     assert!(!fs::exists(files.path("no")).unwrap());
 }
 
-/// A run would have made the log.
+/// Otherwise a run would have made the log.
 #[test]
 fn a_record_of_another_run_is_found_before_the_run() {
     let files = Files::new();
@@ -361,7 +360,7 @@ fn a_record_of_another_run_is_found_before_the_run() {
     }
 }
 
-/// Whatever they are called by.
+/// By whatever names they are called.
 #[test]
 #[cfg(unix)]
 fn results_that_would_replace_or_block_one_another() {
@@ -389,7 +388,7 @@ fn results_that_would_replace_or_block_one_another() {
     assert!(!fs::exists(files.path("out")).unwrap());
 }
 
-/// Whatever they are called by, and whatever is to come of it.
+/// By whatever name it is called, and whatever is to be written.
 #[test]
 #[cfg(unix)]
 fn a_site_that_is_edited_stays_as_it_was() {
@@ -416,7 +415,7 @@ fn a_site_that_is_edited_stays_as_it_was() {
     assert_eq!(told.code, 0, "{}", told.stderr);
 }
 
-/// Where nobody would have noticed that cameras stayed where they were.
+/// Otherwise it would not be noticed that cameras stayed at their places.
 #[test]
 fn cameras_that_scatter_out_of_the_world() {
     for (scatter, expected) in [
@@ -471,7 +470,7 @@ fn a_file_without_an_end_is_not_read() {
     assert!(refused(&["run", &line], "TOML parse error").len() < 10_000);
 }
 
-/// What happens after the end does not happen.
+/// Events after the end do not happen.
 #[test]
 fn events_that_come_too_late_are_told() {
     let files = Files::new();

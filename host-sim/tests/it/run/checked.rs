@@ -1,4 +1,4 @@
-//! Whether poses are checked, and what people are told to do if they are not.
+//! Checks of poses, and advice where poses are not checked.
 
 use answers::record::{
     Protection, RunRecord,
@@ -28,8 +28,8 @@ fn troubles(verdict: &Verdict) -> Vec<(u16, &Trouble)> {
         .collect()
 }
 
-/// A camera that saw the target three times: each of its bearings could be wrong, and nobody would
-/// notice.
+/// A camera that saw the target three times: each of its bearings could be wrong without being
+/// noticed.
 #[test]
 fn a_pose_of_three_sightings_is_not_checked_until_the_target_stops_again_before_it() {
     let mut record = Sample {
@@ -60,7 +60,7 @@ fn a_pose_of_three_sightings_is_not_checked_until_the_target_stops_again_before_
     assert!(text.starts_with("13 of 13 cameras are calibrated, 10 of 11 poses are checked.\n"));
     assert!(
         text.contains(
-            "camera 11: not checked: one wrong measurement that nobody noticed could move it by \
+            "camera 11: not checked: one wrong measurement that was not noticed could move it by \
              12.40 units and turn it by 132.0 deg: stop again before it\n"
         ),
         "{text}"
@@ -87,7 +87,7 @@ fn checked_is_what_the_limits_tolerate() {
         assert_eq!(verdict.checked, checked, "{verdict}");
         assert_eq!(verdict.protection.is_some(), checked > 0);
     }
-    // Turned by 2.5 degrees.
+    // The same, turned by 2.5 degrees.
     record.limits.sigma_position = 1.0;
     for (limit, checked) in [(0.82, 11), (0.80, 0)] {
         record.limits.sigma_heading_deg = limit;
@@ -95,7 +95,7 @@ fn checked_is_what_the_limits_tolerate() {
     }
 }
 
-/// Where a stop is asked for twice, with another one between: nobody would go there twice otherwise.
+/// A stop is asked for twice, with another one between: the text must say that one walks back.
 #[test]
 fn a_place_that_is_asked_for_again_is_walked_back_to() {
     let mut verdict = Verdict::of(&Sample::default().run());
@@ -133,7 +133,7 @@ fn nothing_turns_by_more_than_half_a_turn() {
     );
 }
 
-/// A network whose target estimates nothing together is told so once.
+/// A network whose target makes no joint estimate is told so once.
 #[test]
 fn where_no_target_estimates_no_pose_is_checked() {
     let mut record = Sample::default().run();
@@ -152,7 +152,7 @@ fn where_no_target_estimates_no_pose_is_checked() {
     );
 }
 
-/// Somebody bumped a camera: what it sees since contradicts everybody else.
+/// A camera was bumped: its sightings since then contradict those of all others.
 #[test]
 fn a_camera_that_was_moved_is_told_so() {
     let mut record = Sample::default().run();

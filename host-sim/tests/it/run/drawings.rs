@@ -160,7 +160,7 @@ fn stops_of_a_sweep_are_over_their_numbers() {
         .descendants()
         .filter(|n| n.has_tag_name("rect") && n.attribute("fill") == Some("#1F62B2"))
         .collect();
-    // The last panel's, after two of 13 cameras each; references have no box of position.
+    // The boxes of the last panel, after two of 13 cameras each; references have no box of position.
     let stops = &boxes[boxes.len() - 39..];
     let lowest = number(stops[0], "y");
     let label = |text: &str| {
@@ -180,7 +180,7 @@ fn stops_of_a_sweep_are_over_their_numbers() {
     }
 }
 
-/// Where a run's estimates are drawn, and how large, the names of attributes as they stand there.
+/// Places and sizes of a run's drawn estimates, by the names of the attributes.
 fn ellipses(svg: &str) -> Vec<[f64; 4]> {
     let document = Document::parse(svg).unwrap();
     let ellipses = document.descendants().filter(|n| n.has_tag_name("ellipse"));
@@ -205,7 +205,7 @@ fn ellipses_are_as_large_as_the_map_says() {
     let drawn = ellipses(&svg);
     let cameras: Vec<_> = record.cameras().filter(|c| c.estimate.is_some()).collect();
     assert_eq!(drawn.len(), cameras.len());
-    // The scale of the map: two cameras, and how far from each other they are drawn.
+    // The scale of the map: two cameras, and the distance at which they are drawn.
     let place = |camera: usize| {
         let (truth, error) = (
             cameras[camera].truth.unwrap(),
@@ -226,7 +226,7 @@ fn ellipses_are_as_large_as_the_map_says() {
     }
 }
 
-/// What a camera's estimate is worth, it tells by colour and by shape.
+/// Colour and shape show how good a camera's estimate is.
 #[test]
 fn the_map_tells_what_estimates_are_worth() {
     let mut record = Sample::default().run();
@@ -269,7 +269,7 @@ fn the_map_tells_what_estimates_are_worth() {
     assert_eq!([marks("polyline", BAD), marks("circle", BAD)], [2, 2]);
 }
 
-/// A wall in front of a camera ends what it sees.
+/// A wall in front of a camera ends its field of view.
 #[test]
 fn fields_of_view_end_at_walls() {
     let mut record = Sample::default().run();
@@ -308,7 +308,7 @@ fn fields_of_view_end_at_walls() {
     assert!(reach(&walled[5]) < 0.1 * reach(&free[5]));
 }
 
-/// Names of a thousand cameras in one place would hide it: those are written for which there is room.
+/// Names of a thousand cameras in one place would hide it: only those are written for which there is room.
 #[test]
 fn a_thousand_cameras_make_a_larger_map_and_are_not_all_named() {
     let mut record = Sample::default().run();
@@ -328,7 +328,7 @@ fn a_thousand_cameras_make_a_larger_map_and_are_not_all_named() {
     assert!(texts.contains(&"1*".to_owned()) && texts.contains(&"13".to_owned()));
 }
 
-/// Records come from anywhere.
+/// Records may come from anywhere.
 #[test]
 fn control_characters_of_a_record_stay_out_of_drawings_and_off_the_screen() {
     let mut record = Sample::default().run();

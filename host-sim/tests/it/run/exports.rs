@@ -1,4 +1,4 @@
-//! Exports, read back by other means than they were written with.
+//! Exports, read back by other code than wrote them.
 
 use std::collections::BTreeMap;
 

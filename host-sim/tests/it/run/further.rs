@@ -1,4 +1,4 @@
-//! A carrier that walks on to where the verdict asks for it.
+//! A carrier that walks on to the stops that the verdict asks for.
 
 use answers::{
     network,
@@ -52,7 +52,7 @@ const TWO_PLACES: &str = r#"
     ]
 "#;
 
-/// So many further stops at most; how many were made.
+/// Runs with so many further stops at most; returns how many were made.
 fn walked(further_stops: usize) -> (RunRecord, usize) {
     let scenario = Scenario::from_toml(TWO_PLACES, &Overrides::default()).unwrap();
     let options = Options {
@@ -102,7 +102,7 @@ fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
         ),
         "{verdict}"
     );
-    // Back to where the references look.
+    // Back to the place at which the references look.
     let [stop, ..] = verdict.next_stops.as_slice() else {
         panic!("{verdict}");
     };
@@ -122,7 +122,7 @@ fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
     assert!(solved_again(&record) < 3.0, "{}", solved_again(&record));
 }
 
-/// A second network has its frame from the first one's target, which estimates nothing together from then
+/// A second network has its frame from the first one's target, which makes no joint estimates from then
 /// on.
 const GUESTS: &str = r#"
     name = "guests"
@@ -177,7 +177,7 @@ fn a_target_that_left_a_network_is_not_led_on_in_vain() {
     let text = verdict.to_string();
     let why = "No pose is checked in network 2: it has no references, and a target that brings";
     assert!(text.contains(why), "{text}");
-    // A camera keeps fewer sightings, or more, than a target counts: it tells what its pose rests on.
+    // A camera keeps fewer sightings, or more, than a target counts: it tells which ones its pose rests on.
     for camera in record.cameras() {
         assert!(camera.used <= camera.sightings, "camera {}", camera.id);
         assert!(camera.sightings <= 6, "camera {}", camera.id);
@@ -190,7 +190,7 @@ fn no_more_stops_are_made_than_are_allowed() {
     assert_eq!((made, record.targets[0].stops.len()), (1, 11));
 }
 
-/// Whoever rehearses nothing more gets the same run as before.
+/// A run that needs no further stops is the same as before.
 #[test]
 fn nothing_changes_where_nothing_is_asked_for() {
     let files = Files::new();

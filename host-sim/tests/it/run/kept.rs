@@ -1,4 +1,4 @@
-//! Nothing is lost: no result replaces what is read, and who is ended leaves what was done.
+//! Nothing is lost: no result replaces a file that is read, and a command that is ended leaves its results.
 #![cfg(unix)]
 
 use std::{
@@ -19,7 +19,7 @@ use crate::common::{Files, LineEnd, run, wait_until};
 
 const IS_READ: &str = "is read, and would be replaced by a result";
 
-/// Refused, and all of these files are as they were.
+/// Checks that the command is refused, and that all of these files are unchanged.
 #[track_caller]
 fn keeps(arguments: &[&str], files: &[&str]) {
     let before: Vec<_> = files.iter().map(|file| fs::read(file).unwrap()).collect();
@@ -121,7 +121,7 @@ impl Work {
         Self::on(arguments, Stdio::piped())
     }
 
-    /// It tells its errors there.
+    /// Starts it, with its errors to `stderr`.
     fn on(arguments: &[&str], stderr: Stdio) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
         command
@@ -136,7 +136,7 @@ impl Work {
         kill_process(Pid::from_child(&self.0), signal).unwrap();
     }
 
-    /// Its exit code, and what it said.
+    /// Its exit code, and its output.
     fn end(mut self) -> (Option<i32>, String, String) {
         let (mut stdout, mut stderr) = (String::new(), String::new());
         let out = self.0.stdout.as_mut().unwrap();
@@ -156,7 +156,7 @@ impl Drop for Work {
     }
 }
 
-/// The signals of a line of what Linux tells of a process.
+/// The signals of a line of Linux's status of a process.
 #[cfg(target_os = "linux")]
 fn signals(of: &Work, line: &str) -> u64 {
     let status = fs::read_to_string(format!("/proc/{}/status", of.0.id())).unwrap();
@@ -164,7 +164,14 @@ fn signals(of: &Work, line: &str) -> u64 {
     u64::from_str_radix(mask.unwrap().trim(), 16).unwrap()
 }
 
-/// In such a line.
+/// Returns true while a command waits.
+#[cfg(target_os = "linux")]
+fn is_asleep(work: &Work) -> bool {
+    let status = fs::read_to_string(format!("/proc/{}/status", work.0.id())).unwrap();
+    status.lines().any(|line| line == "State:\tS (sleeping)")
+}
+
+/// Bit of the signal in such a line.
 #[cfg(target_os = "linux")]
 const INTERRUPT: u64 = 1 << (Signal::INT.as_raw() - 1);
 /// The last signal that the program begins to watch.
@@ -209,7 +216,7 @@ fn who_is_interrupted_leaves_report_and_files() {
             );
         }
         assert!(fs::read_to_string(&log).unwrap().ends_with('\n'));
-        // Nobody takes it for a whole run later.
+        // It is not taken for a whole run later.
         let again = run(&["report", "run", &json]);
         assert_eq!(again.code, 1);
         assert!(
@@ -275,8 +282,8 @@ fn a_sweep_that_is_interrupted_tells_of_the_runs_before() {
 #[cfg(target_os = "linux")]
 fn a_second_signal_ends_at_once() {
     let work = Work::new(&["run", "lab", "--speed", "0.000001x"]);
-    // The last signal that it begins to watch.
-    wait_until(|| signals(&work, "SigCgt:") & HANG_UP != 0);
+    // It watches, and sleeps until something happens in the network.
+    wait_until(|| signals(&work, "SigCgt:") & HANG_UP != 0 && is_asleep(&work));
     work.signal(Signal::INT);
     wait_until(|| (signals(&work, "ShdPnd:") | signals(&work, "SigPnd:")) & INTERRUPT == 0);
     work.signal(Signal::INT);

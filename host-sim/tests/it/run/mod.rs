@@ -1,4 +1,4 @@
-//! What one gets out of a finished run: record, reports, drawings, exports, comparisons, sweeps.
+//! Results of a finished run: record, reports, drawings, exports, comparisons, sweeps.
 
 mod bad_input;
 mod check;

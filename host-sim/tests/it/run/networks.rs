@@ -16,16 +16,16 @@ use roxmltree::Document;
 
 use super::sample::{self, FIRST, Sample};
 
-/// Numbers of the second network are those of the first one and so much.
+/// Difference between the numbers of the second network and those of the first one.
 const SECOND: u16 = 100;
-/// Where the frame of the second network is in that of the first one: looking north.
+/// Pose of the second network's frame in that of the first one: looking north.
 const NORTH: Place = Place {
     x: 60.0,
     y: -5.0,
     heading_deg: 90.0,
 };
 
-/// The same site twice, the second one elsewhere.
+/// The same site twice, the second one at another place.
 fn two(first: Sample, second: Sample) -> RunRecord {
     let [mut record, other] = [first, second].map(Sample::run);
     record.networks.push(Network {
@@ -68,7 +68,7 @@ fn references_of_one_network_do_not_excuse_another() {
         ..Sample::default()
     };
     let mut record = two(lost, short);
-    // Nobody of the first network has a pose while its references have none, nor a reason of its own.
+    // No camera of the first network has a pose while its references have none, nor a reason of its own.
     for node in record.nodes.iter_mut().filter(|n| n.network == 1) {
         (node.estimate, node.error, node.nees, node.reason) = (None, None, None, None);
         node.status = node.status.map(|_| Status::Waiting);
@@ -85,7 +85,7 @@ fn references_of_one_network_do_not_excuse_another() {
         found[&(4 + SECOND)][..],
         [Trouble::NeverSaw(InView::Stops(3..))]
     ));
-    // Stops are those of each network, in its frame: both are the same site.
+    // Each network has its own stops, in its frame: both are the same site.
     let verdict = Verdict::of(&record);
     for stop in &verdict.next_stops {
         let cameras: &[u16] = match stop.network {
@@ -215,7 +215,7 @@ fn the_map_shows_networks_where_they_are() {
     let (both, one) = (texts(&record), texts(&Sample::default().run()));
     let remark = "2 networks where they really are, frame of the first".to_owned();
     assert!(both.contains(&remark) && !one.contains(&remark));
-    // Over one another, the map would be as wide as that of one.
+    // If they lay over one another, the map would be as wide as that of one.
     let has = |texts: &[String], name: &str| texts.iter().any(|text| text == name);
     assert!(has(&both, "1*") && has(&both, "101*"));
     assert!(has(&both, "60") && !has(&one, "60"), "{both:?}");

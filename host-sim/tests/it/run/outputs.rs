@@ -1,4 +1,4 @@
-//! Whatever happens to one result, the others are there.
+//! A failure of one result does not keep the others from being written.
 
 use std::{
     fs,
@@ -18,7 +18,7 @@ fn recorded(files: &Files, name: &str, blind: &'static [u16]) -> String {
     files.write(name, &record.run().to_json(false).unwrap())
 }
 
-/// Where nobody sees a bar, each change of a camera is a line.
+/// Without a terminal for a bar, each change of a camera is a line.
 #[test]
 fn without_a_terminal_progress_is_plain_lines() {
     let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
@@ -132,7 +132,7 @@ fn links_and_permissions_stay() {
         fs::metadata(&real).unwrap().permissions().mode() & 0o777,
         0o640
     );
-    // A new file is as any program makes it.
+    // A new file has the usual permissions of any program.
     let new = files.path("new.csv");
     assert_eq!(run(&["report", "run", &record, "--csv", &new]).code, 0);
     let other = files.write("other", "");
@@ -178,7 +178,7 @@ fn an_output_sent_to_a_file_gets_report_and_result() {
     assert!(report.is_some() && report < result, "{all}");
 }
 
-/// As with `| head` after it has gone.
+/// Exit code after the reader has gone, as with `| head`.
 fn code_without_a_reader(arguments: &[&str]) -> i32 {
     let (reader, writer) = pipe().unwrap();
     drop(reader);
@@ -220,7 +220,7 @@ fn a_reader_that_has_gone_changes_no_exit_code() {
     assert!(fs::exists(&csv).unwrap());
 }
 
-/// The key, and whose every short address is. What tshark makes of it is another test's matter.
+/// The key, and the owner of every short address. Another test has tshark read it.
 #[test]
 fn a_capture_comes_with_what_decrypts_it() {
     let files = Files::new();
@@ -233,7 +233,7 @@ fn a_capture_comes_with_what_decrypts_it() {
     assert_eq!(text.matches("uat:802154_addresses:").count(), 9, "{text}");
 }
 
-/// Of a capture that goes elsewhere than into a file nothing is left lying about.
+/// A capture that does not go into a file leaves no script.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_capture_that_is_no_file_has_nothing_beside_it() {

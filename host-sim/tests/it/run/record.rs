@@ -110,8 +110,8 @@ fn tiny() -> RunRecord {
     }
 }
 
-/// These names, this order and these numbers are what programs rely on: a change of the golden
-/// file needs another format number.
+/// Programs rely on these names, this order and these numbers: a change of the golden file needs
+/// another format number.
 #[test]
 fn the_json_is_the_golden_one() {
     let golden = include_str!("golden_record.json");
@@ -121,7 +121,7 @@ fn the_json_is_the_golden_one() {
     assert_eq!(with_time, null);
 }
 
-/// A record without them has none; whoever reads one with them has every bit of them.
+/// A record without them has none; a reader of one with them gets every bit of them.
 #[test]
 fn what_was_measured_is_kept_as_the_golden_one() {
     let measured = Sightings {
@@ -198,7 +198,7 @@ fn other_formats_and_other_files_are_refused() {
     }
 }
 
-/// Whoever reads a record is told what its nodes say, whatever its summary says.
+/// The reader of a record is told what its nodes say, whatever its summary says.
 #[test]
 fn the_summary_is_that_of_the_nodes() {
     let record = Sample {

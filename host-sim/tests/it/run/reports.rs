@@ -1,4 +1,4 @@
-//! What is printed, and what is said to be done.
+//! Printed reports, and advice.
 
 use answers::export::{self, Frame};
 use answers::record::{
@@ -13,7 +13,7 @@ use nalgebra::Point2;
 use super::sample::{self, Sample};
 use crate::common::{Files, run};
 
-/// Nobody relies on tracks that are not what they claim to be.
+/// Tracks that are not what they claim to be must not be relied on.
 #[test]
 fn tracking_that_deceives_or_is_of_little_use_is_told() {
     let tracking = |covered, nees| {
@@ -44,7 +44,7 @@ fn tracking_that_deceives_or_is_of_little_use_is_told() {
     assert!(bad.contains(deceives) && bad.contains(useless), "{bad}");
 }
 
-/// Whether a camera of the sample sees a place, from geometry.
+/// Returns true if a camera of the sample sees a place, from geometry.
 fn sees(camera: u16, x: f64, y: f64) -> bool {
     let (cx, cy, heading) = sample::camera(camera);
     let (dx, dy) = (x - cx, y - cy);
@@ -61,7 +61,7 @@ fn a_complete_run_leaves_nothing_to_do() {
     assert_eq!(
         verdict.to_string(),
         "13 of 13 cameras are calibrated, 11 of 11 poses are checked; nothing is left to do.\n  \
-         Checked: one wrong measurement that nobody noticed moves such a pose by 0.42 units and turns \
+         Checked: one wrong measurement that was not noticed moves such a pose by 0.42 units and turns \
          it by 2.5 deg at most.\n"
     );
 }
@@ -132,7 +132,7 @@ fn references_without_an_answer_are_asked_for_stops_that_both_see() {
     }
 }
 
-/// Whoever never joined is not helped by any stop.
+/// No stop helps a node that never joined.
 #[test]
 fn nodes_that_never_joined_are_told_so_and_not_walked_to() {
     let silence = |record: &mut RunRecord, id: u16| {
@@ -155,7 +155,7 @@ fn nodes_that_never_joined_are_told_so_and_not_walked_to() {
     assert!(verdict.to_string().contains(
         "camera 5: not calibrated: it never joined: look at `radio`, at distances and at events"
     ));
-    // One reference alone has nothing to look at together with.
+    // A reference whose partner is silent has no common stop.
     let mut record = Sample {
         blind: &[2],
         ..Sample::default()
@@ -164,7 +164,7 @@ fn nodes_that_never_joined_are_told_so_and_not_walked_to() {
     silence(&mut record, 1);
     let verdict = Verdict::of(&record);
     assert_eq!(verdict.next_stops, [], "{verdict}");
-    // Nor does anybody see a target that nobody hears.
+    // A target that no camera hears is not seen either.
     let mut record = Sample {
         blind: &[4],
         ..Sample::default()
@@ -217,7 +217,7 @@ fn a_doubtful_pose_is_none() {
             .to_string()
             .contains("camera 7: not calibrated: doubtful, its sightings contradict")
     );
-    // Where it was put, not where it believes to be.
+    // The place where it was put, not where it believes to be.
     let [stop] = verdict.next_stops.as_slice() else {
         panic!("{verdict}");
     };
@@ -229,7 +229,7 @@ fn a_doubtful_pose_is_none() {
     assert!(run_report(&record).contains("| 7    | doubtful "));
 }
 
-/// A pose of which the camera is sure, and which is wrong all the same: the rehearsal has failed.
+/// The camera is sure of its pose, but the pose is wrong: the rehearsal has failed.
 #[test]
 fn a_pose_that_would_deceive_fails_the_run() {
     let mut record = Sample::default().run();
@@ -248,14 +248,14 @@ fn a_pose_that_would_deceive_fails_the_run() {
             .contains("predicted sigmas off the truth"),
         "{verdict}"
     );
-    // Nobody knows the truth of a real network.
+    // The truth of a real network is not known.
     for node in &mut record.nodes {
         (node.truth, node.error, node.nees) = (None, None, None);
     }
     assert_eq!(Verdict::of(&record).exit_code(), 0);
 }
 
-/// A reference has a heading only that can be wrong.
+/// Only the heading of a reference can be wrong.
 #[test]
 fn a_references_heading_can_deceive() {
     let mut record = Sample::default().run();
@@ -286,13 +286,13 @@ fn errors_that_are_too_large_together_fail_the_run() {
             Common::Overconfident(ratio) => Some(*ratio),
             _ => None,
         });
-        // Of three numbers in each camera one errs by so much.
+        // In each camera one of three numbers errs by so much.
         assert_eq!(found.is_some(), ratio.is_some(), "{sigma}: {verdict}");
         assert_eq!(verdict.exit_code(), u8::from(ratio.is_some()));
     }
 }
 
-/// Errors far below what is foretold deceive nobody.
+/// Errors far below the foretold ones deceive no user.
 #[test]
 fn errors_that_are_too_small_are_said_and_fail_nothing() {
     let mut record = Sample::default().run();
@@ -308,7 +308,7 @@ fn errors_that_are_too_small_are_said_and_fail_nothing() {
     assert_eq!(verdict.exit_code(), 0);
 }
 
-/// What the target believed errs by more than its sigmas: that is the carrier, not the lens.
+/// The target's believed places err by more than their sigmas: the cause is the carrier, not the lens.
 #[test]
 fn a_carrier_is_named_and_a_lens_is_not_blamed() {
     let mut record = Sample::default().run();
@@ -352,7 +352,7 @@ fn a_sealed_room_is_named() {
         matches!(trouble, Trouble::NeverSaw(InView::Stops(3..))),
         "stops are in the room"
     );
-    // Nobody goes into the room, whose wall on the right has a door.
+    // No path leads into the room, whose wall on the right has a door.
     record.targets[0].stops.clear();
     record.targets[0].path = vec![[x + 20.0, y]];
     assert_eq!(
@@ -368,7 +368,7 @@ fn a_sealed_room_is_named() {
     );
 }
 
-/// Who is silent, and since when.
+/// The silent node, and the time since when it is silent.
 #[test]
 fn a_silent_node_is_named_with_the_time() {
     let mut record = Sample {
@@ -392,7 +392,7 @@ fn a_silent_node_is_named_with_the_time() {
     }
 }
 
-/// In view of a pose that is far off there is nothing.
+/// There is no place in view of a pose that is far off.
 #[test]
 fn no_stop_is_asked_for_out_of_reach() {
     let mut record = Sample::default().run();
@@ -406,7 +406,7 @@ fn no_stop_is_asked_for_out_of_reach() {
     assert_eq!(Verdict::of(&record).next_stops, []);
 }
 
-/// A failure leaves poses as they are, but nobody may overlook it.
+/// A failure leaves poses as they are, but must not be overlooked.
 #[test]
 fn nodes_that_could_not_go_on_are_named() {
     let mut record = Sample::default().run();
@@ -424,7 +424,7 @@ fn nodes_that_could_not_go_on_are_named() {
     assert_eq!(
         verdict.to_string(),
         "13 of 13 cameras are calibrated, 11 of 11 poses are checked.\n  \
-         Checked: one wrong measurement that nobody noticed moves such a pose by 0.42 units and turns \
+         Checked: one wrong measurement that was not noticed moves such a pose by 0.42 units and turns \
          it by 2.5 deg at most.\n  \
          coordinator 0: its firmware could not go on once, and was started again: the radio failed\n  \
          target 20: its firmware could not go on 2 times, and was started again; the last time: no flash\n"
@@ -432,7 +432,7 @@ fn nodes_that_could_not_go_on_are_named() {
     assert!(run_report(&record).contains("target 20: its firmware could not go on"));
 }
 
-/// What nobody counted is not zero.
+/// A number that was not counted is not zero.
 #[test]
 fn payload_that_was_not_counted_is_said_to_be_so() {
     let mut record = Sample::default().run();
@@ -515,7 +515,7 @@ fn blames_the_lens(record: &RunRecord) -> bool {
     common.any(|c| matches!(c, Common::Lens(_)))
 }
 
-/// Nobody who has no truth can tell a lens from a carrier.
+/// A record without the truth, from which a lens cannot be told from a carrier.
 fn without_truth(mut record: RunRecord) -> RunRecord {
     record.seed = None;
     for node in &mut record.nodes {
@@ -570,7 +570,7 @@ fn a_wrong_camera_model_is_noticed_and_a_right_one_is_not_blamed() {
 
 #[test]
 fn one_wild_sighting_is_one_cameras_trouble() {
-    // One in which chance gives no camera residuals of the rarest in a thousand.
+    // A run in which chance gives no camera residuals of the rarest in a thousand.
     let mut record = Sample {
         seed: 3,
         stops: 10,
@@ -637,7 +637,7 @@ fn several_runs_make_one_table() {
     assert!(text.contains("mean, these runs") && !text.contains("this run"));
     assert!(text.contains("Errors of 5 cameras, without references"));
     assert!(text.contains("Beside the thesis's Table 3.1") && text.contains("7.1618"));
-    // Whatever the scenario is called.
+    // By whatever name the scenario is called.
     let mut other = runs[0].clone();
     other.published = None;
     assert!(!run_report(&other).contains("thesis's Table"));

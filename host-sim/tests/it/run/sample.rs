@@ -1,4 +1,4 @@
-//! Runs as they could have been: the thesis's cameras see the target through whole-pixel columns,
+//! Possible runs: the thesis's cameras see the target through whole-pixel columns,
 //! and their poses are solved from that.
 
 use answers::record::{
@@ -14,13 +14,13 @@ use nalgebra::{Matrix3, Point2};
 use rand::RngExt;
 use test_support::{Random, generator, normal};
 
-/// Where a camera of Table 4.1 is, and its heading in degrees.
+/// Place of a camera of Table 4.1, and its heading in degrees.
 pub(crate) fn camera(id: u16) -> (f64, f64, f64) {
     let Place { x, y, heading_deg } = cameras()[usize::from(id) - 1];
     (x, y, heading_deg)
 }
 
-/// Table 4.1.
+/// Cameras of Table 4.1.
 fn cameras() -> Vec<Place> {
     let thesis = Published::named("thesis-4.1", Some(1)).unwrap();
     assert_eq!(thesis.nodes.len(), 13);
@@ -35,7 +35,7 @@ const LIMITS: Limits = Limits {
     sigma_position: 1.0,
     sigma_heading_deg: 10.0,
 };
-/// Of every pose.
+/// Protection of every pose.
 pub(crate) const CHECKED: Protection = Protection {
     position: 0.42,
     heading_deg: 2.5,
@@ -56,16 +56,16 @@ pub(crate) const FIRST: Network = Network {
     pan: Some(0x1234),
     channel: Some(15),
 };
-/// Of a place that the target believes in.
+/// Sigma of a place that the target believes in.
 const STOP_SIGMA: f64 = 0.01;
 
-/// What is special about a run.
+/// Special properties of a run.
 #[derive(Clone, Copy)]
 pub(crate) struct Sample {
     pub(crate) seed: u64,
-    /// Stops made for every camera.
+    /// Number of stops made for every camera.
     pub(crate) stops: u32,
-    /// What the cameras are; they are taken for pin-holes.
+    /// Projection of the cameras; they are taken for pin-holes.
     pub(crate) projection: Projection,
     /// Cameras that see nothing.
     pub(crate) blind: &'static [u16],
@@ -222,7 +222,7 @@ impl Sample {
         node.sightings = seen.len();
         if node.estimate.is_some() {
             judge(&mut node);
-            // As if a target had estimated it together with the others.
+            // As if a target had made a joint estimate.
             node.protection = (!node.reference).then_some(CHECKED);
             node.used = node.sightings;
         }
@@ -234,10 +234,10 @@ impl Sample {
     }
 }
 
-/// What a camera says of its own pose.
+/// Sets the camera's own judgement of its pose.
 pub(crate) fn judge(node: &mut Node) {
     if node.reference {
-        // By the stops of their common answer.
+        // From the stops of their common solution.
         node.status = Some(Status::Calibrated);
         return;
     }

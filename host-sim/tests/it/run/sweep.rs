@@ -47,7 +47,7 @@ fn quantiles_are_of_absolute_errors() {
     assert_eq!(x.within_2, Some(1.0));
 }
 
-/// The sample's noise is what its sigmas say, so most errors are within two of them.
+/// The sample's noise has the size of its sigmas, so most errors are within two of them.
 #[test]
 fn shares_within_sigmas_are_about_what_is_foretold() {
     let report = sweep(0..60, &[]);

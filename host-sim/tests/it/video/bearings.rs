@@ -1,4 +1,4 @@
-//! How well a ball's bearing is measured in video.
+//! Accuracy of a ball's bearing, measured in video.
 
 use std::path::Path;
 
@@ -9,11 +9,11 @@ use super::film::{BOUNDS, Shot, lit_ball, played, room};
 
 const SECOND: Time = 1_000_000_000;
 const BEARINGS: usize = 40;
-/// The ball's place changes so often: the video lingers.
+/// Number of times a second that the ball's place changes: the video lingers.
 const RATE: usize = 2;
 const HALF_BALL: f64 = 0.07;
 
-/// From one side to the other, by no whole number of columns.
+/// Bearing from one side to the other, in steps of no whole number of columns.
 fn bearing(index: usize) -> f64 {
     (index as f64 / (BEARINGS - 1) as f64 - 0.5) * 32_f64.to_radians()
 }
@@ -48,7 +48,7 @@ fn errors(sensor: Sensor, lens: Lens, mut video: Video) -> Vec<f64> {
         }
         String::from_utf8(said).unwrap()
     };
-    // The room's colours are left as they are, so that bounds are those of the drawing.
+    // The room's colours stay as they are, so that bounds are those of the drawing.
     say(&mut camera, time, "CR 19 32");
     say(&mut camera, time + SECOND / 2, "PM 1");
     let mut errors = Vec::new();

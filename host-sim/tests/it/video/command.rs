@@ -65,12 +65,12 @@ fn ball_at([x, y]: [f64; 2]) -> Scene {
     }
 }
 
-/// As the README has it: ffmpeg makes a CMUcam2 out of a camera, here of a recording; `probe` records
-/// sightings, and `solve` finds where the camera stood.
+/// As in the README: ffmpeg makes a CMUcam2 out of a camera, here out of a recording. `probe` records
+/// sightings, and `solve` finds the pose of the camera.
 #[test]
 fn a_pose_from_recorded_video() {
     let files = Files::new();
-    // So far ahead and to the left of the camera.
+    // Distances ahead of the camera and to the left of it.
     let places = [[2.8, -0.7], [2.4, 0.4], [3.5, 1.1], [4.0, -1.2], [3.0, 0.1]].map(
         |[ahead, left]: [f64; 2]| {
             let (sin, cos) = POSE.heading.sin_cos();
@@ -166,7 +166,7 @@ fn record(files: &Files, number: usize, place: [f64; 2]) -> String {
     fs::read_to_string(csv).unwrap()
 }
 
-/// The camera is a board's, on a real line.
+/// A board's camera, on a real line.
 #[test]
 fn on_a_serial_port() {
     let files = Files::new();

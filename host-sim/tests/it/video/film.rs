@@ -1,4 +1,4 @@
-//! Films of drawn scenes, as other cameras and their compression would have them.
+//! Films of drawn scenes, as other cameras and their compression would make them.
 
 use std::{
     fs::File,
@@ -15,7 +15,7 @@ use y4m::{Colorspace, Frame, Ratio, VendorExtensionString};
 pub(crate) const ORANGE: Rgb = [220, 110, 40];
 /// Its shady side.
 const SHADE: Rgb = [160, 78, 28];
-/// Both, with what noise and compression do to them.
+/// Both colours, with the effects of noise and compression.
 pub(crate) const BOUNDS: &str = "130 240 50 150 16 75";
 
 /// A room with boards and cupboards, some of them brown.
@@ -76,7 +76,7 @@ pub(crate) struct Shot {
 }
 
 impl Shot {
-    /// So many pictures as YUV4MPEG2, 4:2:0.
+    /// Makes so many pictures as YUV4MPEG2, 4:2:0.
     pub(crate) fn film(
         &self,
         out: impl Write,
@@ -163,14 +163,14 @@ pub(crate) fn ffmpeg() -> Command {
     ffmpeg
 }
 
-/// What ffmpeg makes of a file, as the documentation tells people to call it.
+/// The video that ffmpeg makes of a file, called as in the documentation.
 pub(crate) fn played(path: &Path) -> Video {
     let mut ffmpeg = ffmpeg()
         .arg("-i")
         .arg(path)
         .args(["-pix_fmt", "yuv420p", "-f", "yuv4mpegpipe", "-"])
         .stdout(Stdio::piped())
-        // It complains of whoever does not see its film to the end.
+        // It complains about a reader that does not read the film to its end.
         .stderr(Stdio::null())
         .spawn()
         .unwrap();

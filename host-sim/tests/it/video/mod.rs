@@ -1,4 +1,4 @@
-//! Cameras that look at video: what they measure, and what nodes make of it.
+//! Cameras that look at video: their measurements, and the results of nodes.
 
 #![cfg(unix)]
 

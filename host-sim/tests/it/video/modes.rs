@@ -7,8 +7,8 @@ use host_sim::video::Video;
 
 const SECOND: u64 = 1_000_000_000;
 
-/// Grey pictures of 176 x 144 pixels, four by four places of 44 x 36: a box of 36 x 30 of another level is in
-/// this row of places, and in the column that the picture has.
+/// Grey pictures of 176 x 144 pixels, four by four places of 44 x 36. A box of 36 x 30 of another level is in
+/// this row of places, and in each picture's column.
 fn video(pictures: &[Option<usize>], row: usize) -> Video {
     let mut bytes = b"YUV4MPEG2 W176 H144 F50:1 Cmono XCOLORRANGE=FULL\n".to_vec();
     for &column in pictures {
@@ -46,7 +46,7 @@ impl Seeing {
         };
         seeing.said();
         seeing.show();
-        // Without what the light does to the levels.
+        // Without the effect of the light on the levels.
         assert!(seeing.ask("CR 18 40 19 32").starts_with("ACK"));
         seeing
     }

@@ -48,7 +48,7 @@ fn scenario(stops: &str, seed: u64) -> Scenario {
     Scenario::from_toml(&text, &overrides).unwrap()
 }
 
-/// What the nodes of one room find out.
+/// Runs the nodes of one room and checks their results.
 fn calibrated(number: u8, stops: &str) {
     let folder = tempfile::tempdir().unwrap();
     let scenario = scenario(stops, number.into());
@@ -97,7 +97,7 @@ fn calibrated(number: u8, stops: &str) {
             estimate.sigma_heading_deg
         );
         assert_eq!((camera.used, &camera.reason), (6, &None));
-        // More happens once in a million.
+        // A larger value comes once in a million.
         assert!(
             camera.nees.is_none_or(|nees| nees < 30.7),
             "{:?}",

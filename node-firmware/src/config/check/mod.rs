@@ -18,8 +18,8 @@ use crate::{
     vision::{CameraKind, ColourWindow, Lens, LensError, pixy2},
 };
 
-/// A configuration in which everything is in its range, and what follows from that: what a node runs
-/// on. [`Config::check`] makes it, and nothing changes it.
+/// A configuration in which everything is in its range, and the values that follow from it: a node runs on
+/// this. [`Config::check`] makes it, and nothing changes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckedConfig {
     config: Config,
@@ -53,12 +53,12 @@ impl CheckedConfig {
         self.baud
     }
 
-    /// Which direction a column of a camera is. Of a node without a camera: those of a usual one.
+    /// Directions of a camera's columns. For a node without a camera: those of a usual one.
     pub const fn optics(&self) -> Camera<f32> {
         self.optics
     }
 
-    /// Of a target its step sensor; of others, who have none, any.
+    /// A target's step sensor; for other nodes, which have none, any.
     pub const fn sensor(&self) -> &SensorConfig {
         match &self.config.role {
             RoleConfig::Target(target) => &target.sensor,
@@ -121,12 +121,12 @@ const _: () = assert!(CONSOLE.bits_per_second() == CONSOLE_BAUD);
 /// The lens of a node without a camera.
 const NO_LENS: Lens = Lens::pin_hole(88, 45.0);
 
-/// What of a configuration is wrong. The texts say what it must be.
+/// The wrong part of a configuration. The texts say what it must be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ConfigError {
-    /// Index 0, or bytes that nobody drew at random.
+    /// Index 0, or bytes that were not drawn at random.
     SiteKey,
     /// No channel, or one that there is not.
     Channels,
@@ -174,7 +174,7 @@ pub enum ConfigError {
     StillAfter,
     /// The systematic errors of the step sensor.
     Systematic,
-    /// How still the target stands.
+    /// The standing sigma of the target.
     StandingSigma,
     /// A lens is known to less than half of its focal length, or to less than 20 degrees.
     LensSigma,
@@ -254,7 +254,7 @@ impl Config {
     /// The configuration, if everything is in its range.
     ///
     /// # Errors
-    /// What is not, the first of it.
+    /// The first part that is out of its range.
     pub fn check(self) -> Result<CheckedConfig, ConfigError> {
         let all = 0x07FF_F800;
         require(&[
@@ -426,7 +426,7 @@ impl TargetConfig {
                 ConfigError::Dwell,
             ),
             (
-                // What the compass can measure.
+                // The range of the compass.
                 self.sensor.hard_iron.iter().all(|iron| iron.abs() <= 400.0)
                     && is_positive(self.sensor.step_length),
                 ConfigError::Sensor,

@@ -160,7 +160,7 @@ fn cameras() {
         with_camera(|c| c.frame_heading_deg = Some(nan)),
         Err(E::FrameHeading)
     );
-    // Two stops do when nothing but headings and the target is unknown (thesis notes, counting).
+    // Two stops do when only headings and the target are unknown (thesis notes, counting).
     assert_eq!(
         with_camera(|c| c.reference_stops = 2),
         Err(E::ReferenceStops)

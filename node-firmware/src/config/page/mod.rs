@@ -28,8 +28,7 @@ const MAGIC: [u8; 4] = *b"CNod";
 const HEADER: usize = 8;
 const TRAILER: usize = 4;
 
-/// Why there is no configuration in a page, or no page for a configuration. The texts say what to
-/// do.
+/// Reason why there is no configuration in a page, or no page for a configuration. The texts say what to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -86,7 +85,7 @@ impl fmt::Display for PageError {
 
 impl core::error::Error for PageError {}
 
-/// Writes a page into `buffer`, and 0xFF behind it. Tells how many bytes count.
+/// Writes a page into `buffer`, and 0xFF behind it. Returns the number of bytes that count.
 ///
 /// # Errors
 /// [`PageError::Room`].
@@ -111,12 +110,12 @@ pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageEr
         .split_at_mut_checked(TRAILER)
         .ok_or(PageError::Room)?;
     trailer.copy_from_slice(&checksum);
-    // Postcard may have used what it then did not count.
+    // Postcard may have used bytes that it then did not count.
     rest.fill(0xFF);
     Ok(HEADER + length + TRAILER)
 }
 
-/// Reads a page. What follows it is ignored.
+/// Reads a page. Bytes after it are ignored.
 ///
 /// # Errors
 /// [`PageError`].

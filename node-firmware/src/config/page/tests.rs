@@ -152,7 +152,7 @@ fn what_is_no_page_says_what_to_do() {
     }
 }
 
-/// A page with a right checksum may still hold what nobody may use.
+/// A page with a right checksum may still hold values that are not allowed.
 #[test]
 fn values_are_checked_both_ways() {
     let mut config = node(RoleConfig::Target(target()));
@@ -167,7 +167,7 @@ fn values_are_checked_both_ways() {
     );
 }
 
-/// What a role remembers is void after some changes, and good after others.
+/// The facts of a role are void after some changes, and good after others.
 #[test]
 fn whose_memory_it_is() {
     let before = node(RoleConfig::Camera(camera()));

@@ -1,4 +1,4 @@
-//! What a camera learnt of its own pose (thesis 2.6.2).
+//! Knowledge of a camera about its own pose (thesis 2.6.2).
 
 use calib_core::{
     Limits, Pose, Ray, Refusal, Sighting, angle,
@@ -17,9 +17,9 @@ use crate::{
     vision::Lens,
 };
 
-/// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
-/// belongs to the others, where the [fit](calib_core::fit) asks of all that are left whether they
-/// agree. Only in one of a thousand cameras, one of its 16 sightings is so far off by chance.
+/// Sightings farther off than so many sigmas are left out, from five on. This checks that each one belongs to
+/// the others, where the [fit](calib_core::fit) checks that all remaining ones agree. Only in one of a
+/// thousand cameras, one of its 16 sightings is so far off by chance.
 const GATE: f32 = 4.0;
 
 /// The sightings of one camera and the pose they give.
@@ -34,7 +34,7 @@ impl OfStop for KeptSighting {
     }
 }
 
-/// What the sightings give.
+/// Result of the sightings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
     pub(super) state: CameraState,
@@ -59,9 +59,8 @@ impl Calibration {
         self.kept.clear();
     }
 
-    /// Takes a sighting and tells its index. A stop counts once: told again, with a better place,
-    /// it replaces what was kept of it. Of so many without a pose the one that came first makes
-    /// room.
+    /// Takes a sighting and returns its index. A stop counts once: told again, with a better place, it
+    /// replaces the former sighting. When the list is full and gives no pose, the oldest makes room.
     pub(super) fn add(&mut self, sighting: KeptSighting) -> Option<usize> {
         let Some(place) = self.kept.find(sighting.key()) else {
             return self.kept.add(sighting);
@@ -125,7 +124,7 @@ impl Calibration {
             }
         }
         let parts = PoseParts::from(Pose { covariance, ..pose });
-        // What nobody would accept is not told.
+        // Unbelievable numbers are not told.
         if !(parts.is_usable() && solution.chi_squared.is_finite()) {
             return Err(Refusal::Undetermined);
         }
@@ -184,8 +183,8 @@ impl Calibration {
     ) -> Result<Solution<f32>, Refusal> {
         let seen = self.seen(common);
         match resection::solve_rejecting(&seen, GATE, dropped) {
-            // No majority agrees: more likely the camera model or a sigma is wrong than half of
-            // the sightings. The residuals tell, and the covariance grows with them.
+            // No majority agrees: more likely the camera model or a sigma is wrong than half of the
+            // sightings. The residuals tell, and the covariance grows with them.
             Err(Refusal::Inconsistent) => {
                 dropped.fill(false);
                 resection::solve(&seen)
@@ -211,7 +210,7 @@ impl Calibration {
             .then_some(CameraState::OtherLens(parts, lens))
     }
 
-    /// Whether another place than this pose's, far beyond the sigmas that are told, would do.
+    /// Returns true if another place than this pose's, far beyond the sigmas that are told, fits too.
     // for less stack
     #[inline(never)]
     fn allow_another_place(
@@ -232,7 +231,7 @@ impl Calibration {
         seen.collect()
     }
 
-    /// The same pose with what the stops' places have in common.
+    /// The same pose with the common errors of the stops' places.
     // for less stack
     #[inline(never)]
     fn correlated(
@@ -257,8 +256,8 @@ impl Calibration {
     }
 }
 
-/// A sighting weighted by what is its stop's own: what most stops share with the `common` one moves
-/// the camera with them.
+/// A sighting weighted by its stop's own error: the common error of most stops and the `common` one moves the
+/// camera with them.
 fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
     let place = kept.place;
     let own = if kept.target == common.target {
@@ -338,7 +337,7 @@ mod tests {
         (3.5, -1.2),
     ];
 
-    /// What a lens of 60 degrees of equal angles sees, and one of 63 degrees, decoded as a pin-hole of
+    /// Sightings of a lens of 60 degrees of equal angles, and of one of 63 degrees, decoded as a pin-hole of
     /// 60.
     #[test]
     fn a_camera_names_the_lens_that_it_has() {
@@ -387,11 +386,11 @@ mod tests {
         assert_eq!(answer(&right).state.status(), Status::Calibrated);
     }
 
-    /// An error of a fix is one of all stops of that target since that fix, and of no others.
+    /// An error of a fix is common to all stops of that target since that fix, and to no others.
     #[test]
     fn most_stops_have_the_error_of_one_fix_of_one_target_in_common() {
         let others = [
-            // Fixes of two targets, of one number by chance.
+            // Fixes of two targets, with one number by chance.
             [(2, 7), (3, 7), (4, 7)],
             // A target that was found anew at each stop.
             [(2, 7), (2, 8), (2, 9)],

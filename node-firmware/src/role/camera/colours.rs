@@ -7,7 +7,7 @@ use crate::{
     vision::ColourWindow,
 };
 
-/// What the configuration says, and what was learnt instead.
+/// Configured colours, and the learnt ones that replace them.
 #[derive(Clone, Debug)]
 pub(super) struct LearntColours {
     colours: Colours,
@@ -27,7 +27,7 @@ impl LearntColours {
         }
     }
 
-    /// Takes what was learnt in a former run, unless other colours are configured since.
+    /// Takes the learnt ones of a former run, unless other colours are configured since.
     pub(super) fn restore(&mut self, colours: &Colours) {
         if colours.configured == self.colours.configured {
             self.colours = *colours;
@@ -35,7 +35,7 @@ impl LearntColours {
         }
     }
 
-    /// A colour was learnt: whether that is news.
+    /// A colour was learnt: returns true if that is news.
     pub(super) fn on_learnt(&mut self, colour: u8, window: ColourWindow) -> bool {
         match self.colours.learnt.get_mut(usize::from(colour)) {
             Some(learnt) => learnt.replace(window) != Some(window),

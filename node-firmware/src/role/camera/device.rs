@@ -1,4 +1,4 @@
-//! What the camera's hardware does: one task at a time.
+//! Work of the camera's hardware: one task at a time.
 
 use super::CameraTask;
 use crate::message::{CameraCommand, MemberAddress, Sight, StopNumber, Stopped};
@@ -16,7 +16,7 @@ impl LookRequest {
     }
 }
 
-/// Whether the hardware can look.
+/// State of the hardware's start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Start {
     /// It is starting.
@@ -26,7 +26,7 @@ enum Start {
     Failed,
 }
 
-/// What the hardware does, and what waits for it.
+/// Work of the hardware, and the requests that wait for it.
 #[derive(Clone, Debug)]
 pub(super) struct Device {
     start: Start,
@@ -51,12 +51,12 @@ impl Device {
         }
     }
 
-    /// Whether it has started.
+    /// Returns true if it has started.
     pub(super) const fn is_ready(&self) -> bool {
         matches!(self.start, Start::Ready)
     }
 
-    /// What it answers that does not look.
+    /// Answer of a camera that does not look.
     pub(super) const fn excuse(&self) -> Sight {
         match self.start {
             Start::Starting | Start::Ready => Sight::NotReady,
@@ -73,7 +73,7 @@ impl Device {
         self.start = Start::Failed;
     }
 
-    /// It has to start anew, in the middle of a look. What is given up.
+    /// It has to start anew, in the middle of a look. Returns the requests that are given up.
     pub(super) fn on_starting(&mut self) -> ([Option<LookRequest>; 2], Option<CameraCommand>) {
         self.start = Start::Starting;
         self.is_busy = false;
@@ -82,8 +82,8 @@ impl Device {
         (requests, self.next_command.take())
     }
 
-    /// Has a command carried out next. Another one that waits is given up; and before the camera has
-    /// started, this one: nobody knows when it will, and what is in its view then. Returns what is
+    /// Has a command carried out next. Another one that waits is given up. Before the camera has started,
+    /// this one is given up: its start time, and its view then, are not known. Returns the command that is
     /// given up.
     pub(super) const fn command(&mut self, command: CameraCommand) -> Option<CameraCommand> {
         if self.is_ready() {
@@ -93,7 +93,7 @@ impl Device {
         }
     }
 
-    /// Has it look. Of two requests that wait the later one counts; the other target asks again.
+    /// Has it look. The later one of two requests that wait counts; the other target asks again.
     pub(super) fn look(&mut self, request: LookRequest) {
         match &mut self.looking {
             Some(looking) if looking.stop() == request.stop() => *looking = request,
@@ -112,7 +112,7 @@ impl Device {
         requests.map(LookRequest::stop)
     }
 
-    /// What it is to do next, if it has the time.
+    /// The next task, if it has the time.
     pub(super) fn next_task(&mut self) -> Option<CameraTask> {
         if self.is_busy {
             return None;
@@ -135,7 +135,7 @@ impl Device {
         Some(CameraTask::Look { colour })
     }
 
-    /// A look is over. Who asked for it, if that is still of interest.
+    /// A look is over. Returns its request, if that is still of interest.
     pub(super) const fn on_looked(&mut self) -> Option<LookRequest> {
         self.is_busy = false;
         self.looking.take()
@@ -146,7 +146,7 @@ impl Device {
         self.is_busy &= matches!(command, CameraCommand::Track { .. });
     }
 
-    /// Nobody wants to know what it sees any more, a look that goes on included.
+    /// Drops all requests, a look that goes on included.
     pub(super) fn forget_requests(&mut self) {
         self.looking = None;
         self.next_look = None;

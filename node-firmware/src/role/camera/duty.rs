@@ -1,5 +1,5 @@
-//! What a reference camera does besides: the first one solves, the second one tells it what it saw
-//! (thesis 2.6.1).
+//! Further duties of a reference camera: the first one solves, the second one tells it its bearings (thesis
+//! 2.6.1).
 
 use calib_core::{Status, dead_reckoning::Place};
 use zigbee_link::{Instant, wire::ShortAddress};
@@ -21,17 +21,17 @@ use crate::{
     role::{CONTRADICTION, Unsaved, contradiction},
 };
 
-/// A pose is not replaced by one whose variance is so many times its own.
+/// A pose is not replaced by one whose variance is larger by this factor.
 const LESS: f32 = 1.5;
 
-/// Who the references are, and what they saw of targets that did not know their place.
+/// The references, and their sightings of targets that did not know their place.
 #[derive(Clone, Debug)]
 pub(super) struct ReferenceDuty {
     references: Option<References>,
     stops: ReferenceStops,
-    /// What the first one solved for the second, which may not have heard it.
+    /// The pose that the first one solved for the second, which may not have heard it.
     second: Option<Report>,
-    /// Where a target stood, as the first one solved it.
+    /// Place of a target, as the first one solved it.
     location: Option<(MemberAddress, TargetLocation)>,
     /// The stops of both references have changed since the last solve.
     to_solve: bool,
@@ -57,17 +57,17 @@ impl ReferenceDuty {
         self.references?.duty_of(member?)
     }
 
-    /// What the first reference solved for the second one.
+    /// The pose that the first reference solved for the second one.
     pub(super) const fn second(&self) -> Option<Report> {
         self.second
     }
 
-    /// Where a target stood, for that target.
+    /// Place of a target, for that target.
     pub(super) const fn location(&self) -> Option<(MemberAddress, TargetLocation)> {
         self.location
     }
 
-    /// What this camera saw at a stop.
+    /// This camera's sighting at a stop.
     pub(super) fn own_at(&self, target: MemberAddress, stop: StopNumber) -> Option<Seen> {
         let mut stops = self.stops.iter();
         stops
@@ -81,7 +81,7 @@ impl ReferenceDuty {
         mine.map(|stop| (stop.target, stop.stop))
     }
 
-    /// Takes who the references are, if there are any: whether that is news.
+    /// Takes the references, if there are any: returns true if they are news.
     pub(super) fn appoint(
         &mut self,
         references: &References,
@@ -94,7 +94,7 @@ impl ReferenceDuty {
         }
         let pair = |of: &References| (of.first, of.second);
         if self.references.as_ref().map(pair) != references.as_ref().map(pair) {
-            // What another camera saw, or its pose, is nothing to this one.
+            // Another camera's sightings, or its pose, are of no use to this one.
             self.forget_second(unsaved);
             let kept = self.stops.forget_other();
             rewrite(kept, unsaved);
@@ -103,7 +103,7 @@ impl ReferenceDuty {
         unsaved.insert(FactKey::References);
         self.to_solve = self.of(own) == Some(Duty::First);
         if !self.to_solve {
-            // Where the target stood, another one tells it.
+            // Another camera tells the place of the target.
             self.location = None;
         }
         true
@@ -135,18 +135,18 @@ impl ReferenceDuty {
         self.to_solve = true;
     }
 
-    /// Whether the stops are to be solved now. Says so once.
+    /// Returns true if the stops are to be solved now. Says so once.
     pub(super) const fn take_to_solve(&mut self) -> bool {
         core::mem::replace(&mut self.to_solve, false)
     }
 
-    /// What is known of the frame of the site before the solve, if there are references.
+    /// Known parts of the frame of the site before the solve, if there are references.
     fn frame(&self, config: &CameraConfig) -> Option<ReferenceFrame> {
         let references = self.references.as_ref()?;
         Some(ReferenceFrame::new(references, config))
     }
 
-    /// What was solved for others, to be told to them.
+    /// Results for others, to be told to them.
     pub(super) fn on_solved(
         &mut self,
         second: Report,
@@ -165,8 +165,8 @@ impl ReferenceDuty {
         rewrite(kept, unsaved);
     }
 
-    /// Forgets what was seen and solved, but not who the references are. Every stop is written
-    /// anew, for some may be in the flash alone.
+    /// Forgets sightings and results, but not the references. Every stop is written anew, for some may be in
+    /// the flash alone.
     pub(super) fn forget(&mut self, unsaved: &mut Unsaved) {
         self.stops.clear();
         rewrite(REFERENCE_STOPS, unsaved);
@@ -200,7 +200,7 @@ impl ReferenceDuty {
         self.second = second;
     }
 
-    /// Takes a stop of a former run. Tells its index.
+    /// Takes a stop of a former run. Returns its index.
     pub(super) fn restore_stop(&mut self, stop: ReferenceStop) -> Option<usize> {
         self.stops.restore(stop)
     }
@@ -225,13 +225,13 @@ fn rewrite(stops: usize, unsaved: &mut Unsaved) {
 }
 
 impl CameraRole {
-    /// The first reference camera has to know what this one saw.
+    /// The first reference camera has to know this camera's sighting.
     pub(super) fn notify_bearing(
         &mut self,
         now: Instant,
         (target, stop): (MemberAddress, StopNumber),
     ) {
-        // A stop may have made room for this one. So there are never more than are kept.
+        // A stop may have made room for this one. So there are never more than the list holds.
         let duty = &self.duty;
         self.notifications
             .retain(|notification| match notification {
@@ -243,7 +243,7 @@ impl CameraRole {
         }
     }
 
-    /// The first reference camera has to know all that this one saw.
+    /// The first reference camera has to know all of this camera's sightings.
     pub(super) fn notify_bearings(&mut self, now: Instant) {
         self.cancel_bearings();
         for (target, stop) in self.duty.own_stops() {
@@ -257,7 +257,7 @@ impl CameraRole {
             .retain(|notification| !matches!(notification, CameraNotification::Bearing(..)));
     }
 
-    /// The coordinator says who the references are.
+    /// The coordinator tells the references.
     pub(super) fn on_references(&mut self, now: Instant, references: &References) {
         let is_news = self
             .duty
@@ -296,8 +296,8 @@ impl CameraRole {
         self.on_own_pose(now, Duty::Second, solved);
     }
 
-    /// A target solved this camera's pose with all that it knows. Of several targets the surer one is
-    /// believed.
+    /// A target solved this camera's pose with all that it knows. Of several targets, the camera believes the
+    /// surer one.
     pub(super) fn on_joint(&mut self, now: Instant, from: MemberAddress, solved: &Report) {
         let report = *self.progress.report();
         let variance = |report: &Report| {
@@ -306,7 +306,7 @@ impl CameraRole {
                 pose.covariance[0] + pose.covariance[2]
             })
         };
-        // A target that began anew, or another one, may know less than what is known.
+        // A target that began anew, or another one, may know less than the camera does.
         let knows_less = variance(solved) > LESS * variance(&report);
         let is_calibrated = report.status() == Status::Calibrated;
         let is_trusted = is_calibrated && (report.joint.is_some() || report.duty.is_some());
@@ -315,7 +315,7 @@ impl CameraRole {
             (is_trusted && report.joint.is_some(), report.pose(), poses)
             && contradiction(&own, &other) > CONTRADICTION
         {
-            // It was moved, or whoever solved errs. Neither is told as good until the next stop tells.
+            // It was moved, or the solver errs. Neither is told as good until the next stop tells.
             let state = CameraState::Doubtful(*held);
             self.update(now, Report { state, ..report });
             self.notify(CameraNotification::Report(from), now);
@@ -324,8 +324,8 @@ impl CameraRole {
         if is_trusted && knows_less && solved.status() != Status::Doubtful {
             return;
         }
-        // Nor is a place that the camera was given given up for one that somebody finds for it: it was moved,
-        // and nobody knows where it stands now.
+        // A place that the camera was given is not given up for one that another node finds for it: the
+        // camera was moved, and its place is not known now.
         let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
         if let (Some(held), [Some(own), Some(other)]) = (report.pose(), poses)
             && is_given(held)
@@ -340,18 +340,18 @@ impl CameraRole {
             return;
         }
         self.solved_by = Some(from);
-        // The pose that what this camera sees contradicts is not good for being told again: whoever solved
-        // it left out what does not fit.
+        // A pose that this camera's own sightings contradict does not become good by being told again: the
+        // solver left out the measurements that do not fit.
         let is_same = matches!(poses, [Some(own), Some(other)]
             if contradiction(&own, &other) <= CONTRADICTION);
-        // Nor is the place that a camera was given its own any more if it looks elsewhere now.
+        // The place that a camera was given is not its own any more either if it looks elsewhere now.
         self.was_moved |=
             self.is_watched_doubtful && !is_same && solved.pose().is_some_and(is_given);
         self.is_watched_doubtful &= is_same || self.was_moved;
         if !self.is_watched_doubtful {
             self.misses = 0;
         }
-        // Through a lens that is another one than everybody believes, the camera sees on its own.
+        // The camera sees through another lens than all believe: its own result counts.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
             Some(state) if report.duty.is_none() => state,
             _ => solved.state.judged_again(&self.config.weak.limits()),
@@ -391,7 +391,7 @@ impl CameraRole {
         self.on_solved(now, &solved);
     }
 
-    // for less stack: what it takes is not there while solving.
+    // for less stack: its stack is not there while solving.
     #[inline(never)]
     fn on_solved(&mut self, now: Instant, solved: &Result<Answer, NotYet>) {
         let report = *self.progress.report();

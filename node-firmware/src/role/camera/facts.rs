@@ -1,4 +1,4 @@
-//! What a camera must not forget: how it is written down, and how it is taken up again.
+//! Facts that a camera must not forget: how it is written down, and how it is taken up again.
 
 use zigbee_link::Instant;
 
@@ -29,8 +29,8 @@ impl CameraRole {
             FactKey::Report => {
                 let report = *self.progress.report();
                 if report.duty.is_some() {
-                    // The stops it came of go after it: they are what a cut in between leaves. So do
-                    // sightings, which it did not come of.
+                    // The stops of which it was solved are erased after it is written: a cut in between
+                    // leaves them. So are sightings, of which it was not solved.
                     self.duty.drop_stops(&mut self.unsaved);
                     self.drop_sightings();
                 }
@@ -59,7 +59,7 @@ impl CameraRole {
             Fact::Posed(second) => self.duty.restore_second(*second),
             Fact::Colours(colours) => self.colours.restore(colours),
             Fact::Network(network) => self.last_network.restore(*network),
-            // A cut left it, after the report that it has no part in.
+            // A cut left it, after the report, in which it has no part.
             Fact::Sighting(_, Some(_)) if self.progress.report().duty.is_some() => {
                 self.unsaved.insert(fact.key());
             }
@@ -79,8 +79,8 @@ impl CameraRole {
         }
     }
 
-    /// A fact that took another place than it was written in, because one before it is lost, is
-    /// written again in this one, and in the other what is there then, if only nothing.
+    /// A fact that took another place than it was written in, because one before it is lost, is written again
+    /// in this one. The present entry of the other place is written there, even if it is nothing.
     fn on_restored(&mut self, place: Option<FactKey>, written: FactKey) {
         if let Some(place) = place.filter(|place| *place != written) {
             self.unsaved.insert(place);
@@ -88,12 +88,12 @@ impl CameraRole {
         }
     }
 
-    /// Addresses are those of others now. A camera that is done stands where it stood; of sightings
-    /// of others, nobody knows the target any more.
+    /// Addresses are those of others now. A camera that is done stands where it stood; for sightings of other
+    /// cameras, the target is not known any more.
     // for less stack
     #[inline(never)]
     pub(super) fn forget_network(&mut self) {
-        // A first reference that stays alone with its pose is of no use to anybody.
+        // A first reference that stays alone with its pose is of no use to others.
         let is_told = !self.notifications.is_pending(CameraNotification::Posed);
         let is_finished = self.progress.report().done && is_told;
         self.duty.dismiss(&mut self.unsaved);
@@ -105,7 +105,7 @@ impl CameraRole {
         });
         self.outbox.clear();
         self.stream = Stream::new();
-        // A look that goes on has nobody to be told.
+        // A look that goes on has no receiver.
         self.device.forget_requests();
         self.listing = None;
         if is_finished {
@@ -116,8 +116,8 @@ impl CameraRole {
         }
     }
 
-    /// Forgets pose and sightings. What targets estimate without what it sees from now on is not taken; that is
-    /// not written down.
+    /// Forgets pose and sightings. From now on it does not take estimates of targets that rest on none of its
+    /// later sightings; that is not written down.
     pub(super) fn forget(&mut self, now: Instant) {
         self.has_forgotten = true;
         self.calibration.clear();

@@ -5,7 +5,7 @@ use crate::{
     message::{MemberAddress, StopNumber},
 };
 
-/// What was learnt at stops of targets.
+/// Knowledge from stops of targets.
 pub(super) trait OfStop {
     /// The target and its stop.
     fn key(&self) -> (MemberAddress, StopNumber);
@@ -16,7 +16,7 @@ pub(super) trait OfStop {
 #[derive(Clone, Debug)]
 pub(super) struct Kept<T, const N: usize> {
     list: heapless::Vec<T, N>,
-    /// Place of what came first, when all are taken.
+    /// Place of the oldest, when all are taken.
     first: usize,
 }
 
@@ -65,7 +65,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         }
     }
 
-    /// The place of what is kept of this stop.
+    /// The place of the entry of this stop.
     pub(super) fn find(&self, key: (MemberAddress, StopNumber)) -> Option<usize> {
         self.list.iter().position(|kept| kept.key() == key)
     }
@@ -83,7 +83,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         }
     }
 
-    /// After a restart: what came first is where no target's numbers step back from there round to there.
+    /// After a restart: the oldest is where no target's numbers step back from there round to there.
     pub(super) fn find_first(&mut self) {
         let mut keys = heapless::Vec::<_, N>::new();
         for kept in &self.list {
@@ -104,7 +104,7 @@ fn first_of(keys: &[(MemberAddress, StopNumber)]) -> usize {
         sooner.iter().chain(later).all(|key| {
             let known = last.iter_mut().find(|known| known.0 == key.0);
             let Some(known) = known else {
-                // Of more targets than are kept nothing is known.
+                // Nothing is known of targets beyond the room of the list.
                 let _ = last.push(*key);
                 return true;
             };
@@ -128,7 +128,7 @@ mod tests {
         }
     }
 
-    /// Of two targets: the numbers of one say nothing of those of the other.
+    /// With two targets: the numbers of one say nothing of those of the other.
     #[test]
     fn what_came_first_makes_room() {
         let mut kept = Kept::<_, 3>::new();
@@ -149,8 +149,8 @@ mod tests {
         assert_eq!(places, [2, 0].map(Some));
     }
 
-    /// However many there were, of one target or of two by turns: after a restart the oldest makes room, as it
-    /// would have done without.
+    /// However many there were, of one target or of two by turns: after a restart the oldest makes room, as
+    /// it would have done without.
     #[test]
     fn what_came_first_is_found_again() {
         for targets in [1, 2] {

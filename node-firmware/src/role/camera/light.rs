@@ -1,4 +1,4 @@
-//! When a camera adapts to the light again: gain and white balance are frozen after a start, so a
+//! Times when a camera adapts to the light again: gain and white balance are frozen after a start, so a
 //! change of daylight, or a target before the lens at that moment, hides the target for good.
 
 /// Without a pose so many looks in a row see nothing before the camera adapts.
@@ -7,11 +7,12 @@ const LOOKS: u16 = 12;
 /// A look that sees nothing where the pose says that the target is in view counts as so many.
 const EXPECTED: u16 = 3;
 
-/// What did not help is tried again after twice as many looks, but so often at most.
+/// After an adaptation that did not help, the next one waits for twice as many looks, doubled so often at
+/// most.
 const DOUBLINGS: u8 = 4;
 
-/// A camera that has adapted, and so often does not see the target where its pose says that it is in view,
-/// is blind.
+/// A camera is blind when it has adapted, and then so often does not see the target where its pose says that
+/// it is in view.
 const BLIND: u8 = 3;
 
 /// Looks that saw nothing.
@@ -22,7 +23,7 @@ pub(super) struct Light {
     adapted: u8,
     /// Looks since then that saw nothing where the target is expected.
     in_vain: u8,
-    /// The farthest that a target was seen in this run by a camera that knew its pose.
+    /// The largest distance of a target that this camera, knowing its pose, saw in this run.
     farthest: Option<f32>,
 }
 
@@ -46,19 +47,19 @@ impl Light {
         }
     }
 
-    /// Whether it sees nothing where it should although it adapted.
+    /// Returns true if it sees nothing where it should although it adapted.
     pub(super) const fn is_blind(&self) -> bool {
         self.in_vain >= BLIND
     }
 
-    /// Whether a target could be seen from so far, if that is known.
+    /// Returns true if a target could be seen from so far, if that is known.
     pub(super) fn reaches(&self, range: f32) -> Option<bool> {
         self.farthest.map(|farthest| range <= farthest)
     }
 
-    /// Nothing is seen, where the target is expected in view or not, or nobody knows (`None`). Whether
-    /// the camera is to adapt to the light now: rather while the target is not before it, for that would
-    /// spoil the white balance again.
+    /// Nothing is seen, where the target is expected in view or not, or where that is not known (`None`).
+    /// Returns true if the camera is to adapt to the light now: rather while the target is not before it, for
+    /// that would spoil the white balance again.
     pub(super) fn on_nothing(&mut self, is_expected: Option<bool>) -> bool {
         let weight = match is_expected {
             Some(true) => EXPECTED,

@@ -1,6 +1,6 @@
 //! A camera: uncalibrated, reference, calibrated.
 //!
-//! It rests until a target says that it stands. Then it looks, and what it saw becomes
+//! It rests until a target says that it stands. Then it looks, and its sighting becomes
 //!
 //! | the target knows its place | this camera | |
 //! |---|---|---|
@@ -9,15 +9,15 @@
 //! | no | knows its pose | a bearing with its pose, from which the target finds itself |
 //! | no | may become a reference | a trigger for the coordinator |
 //!
-//! A stop is answered, so that the target knows when it may walk on; not where the target was not in
-//! view the last time either, unless it asks. A stop that is told twice is answered twice and counted
-//! once. The count goes with every answer: the target never has to keep one in step.
+//! A camera answers a stop, so that the target knows when it may walk on. If the target was not in view the
+//! last time and is not now, it answers only when the target asks. A stop that is told twice is answered
+//! twice and counted once. The count goes with every answer: the target never has to keep one in step.
 //!
 //! A camera that sees nothing at many stops, or at a few where its pose says that the target is in view,
 //! adapts to the light again after its answer.
 //!
-//! Nothing comes of a look before the target has [confirmed](crate::message::Confirmation) that the
-//! answer came while it still stood there.
+//! A look is not used before the target has [confirmed](crate::message::Confirmation) that the answer came
+//! while it still stood there.
 
 mod calibration;
 mod colours;
@@ -76,7 +76,7 @@ const SLOT: Duration = Duration::from_millis(5);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CameraTask {
-    /// Look whether a target of this colour stands in view.
+    /// Look for a target of this colour that stands in view.
     Look {
         /// Number of the colour in the configuration.
         colour: u8,
@@ -89,7 +89,7 @@ pub enum CameraTask {
     Recall([Option<ColourWindow>; COLOURS_MAX]),
 }
 
-/// What the camera's hardware tells.
+/// Events of the camera's hardware.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CameraEvent {
@@ -97,7 +97,7 @@ pub enum CameraEvent {
     Looked(Sight, Option<Seen>),
     /// The end of [`CameraTask::Command`].
     Done(CommandResult),
-    /// What a frame shows while tracking for the coordinator.
+    /// View of one frame while tracking for the coordinator.
     Tracked(Tracked),
     /// This colour is looked for in this window from now on.
     Learnt(u8, ColourWindow),
@@ -118,19 +118,19 @@ pub enum CameraEvent {
 pub enum CameraNotification {
     /// It presents itself to the coordinator.
     Hello,
-    /// Where a target stood, for that target.
+    /// Place of a target, for that target.
     Located,
     /// The pose of the second reference camera, for that one.
     Posed,
-    /// What it saw of this target at this stop, for the first reference camera.
+    /// Its sighting of this target at this stop, for the first reference camera.
     Bearing(MemberAddress, StopNumber),
-    /// How far it is, for the coordinator or a target.
+    /// Its status, for the coordinator or a target.
     Report(MemberAddress),
-    /// What is the matter with it, for the coordinator.
+    /// Its health, for the coordinator.
     Health,
 }
 
-/// Of all these there is one, but for bearings and for reports to targets.
+/// There is one of each of these, but for bearings and for reports to targets.
 const NOTIFICATIONS: usize = 5 + REFERENCE_STOPS + TARGETS;
 
 impl Notification for CameraNotification {
@@ -167,10 +167,9 @@ pub struct CameraRole {
     misses: u8,
     /// They alone make the pose doubtful.
     is_watched_doubtful: bool,
-    /// It looks elsewhere than it did, and stood at a place that it was given: nobody knows where it
-    /// stands now.
+    /// It looks elsewhere than it did, and stood at a place that it was given: its place is not known now.
     was_moved: bool,
-    /// It was told to forget its pose and has seen no target since: what targets know is what it forgot.
+    /// It was told to forget its pose and has seen no target since: targets know what it forgot.
     has_forgotten: bool,
     calibration: Calibration,
     duty: ReferenceDuty,
@@ -219,7 +218,7 @@ impl CameraRole {
         }
     }
 
-    /// How far the camera is.
+    /// Status of the camera.
     pub const fn report(&self) -> &Report {
         self.progress.report()
     }
@@ -265,14 +264,14 @@ impl CameraRole {
         }
     }
 
-    /// Takes what is the matter with it: the coordinator hears of news.
+    /// Takes its health: the coordinator hears of news.
     fn on_health(&mut self, now: Instant, health: Health) {
         if core::mem::replace(&mut self.health, health) != health {
             self.notify(CameraNotification::Health, now);
         }
     }
 
-    /// Whether its camera serves.
+    /// Takes the state of its camera.
     fn on_eye(&mut self, now: Instant, camera: Eye) {
         let health = Health {
             camera,
@@ -318,8 +317,8 @@ impl CameraRole {
         }))
     }
 
-    /// A message that has to be told, as it is known now, and to whom. `None`: there is nothing to
-    /// tell any more.
+    /// A message that has to be told, as it is known now, and its receiver. `None`: there is nothing to tell
+    /// any more.
     fn message_of(&self, notification: CameraNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
             CameraNotification::Hello => {
@@ -379,9 +378,9 @@ impl Role for CameraRole {
         }
         self.present(now);
         match self.own_duty() {
-            // Nobody knows which ones were delivered before a restart.
+            // It is not known which ones were delivered before a restart.
             Some(Duty::Second) if self.progress.pose().is_none() => self.notify_bearings(now),
-            // Or whether the last ones written down were solved.
+            // Or it is not known whether the last ones written down were solved.
             Some(Duty::First) => self.duty.solve_again(),
             _ => {}
         }

@@ -1,4 +1,4 @@
-//! How far a camera is, and whether others should hear of it.
+//! Status of a camera, and the decision to tell it.
 
 use calib_core::Status;
 
@@ -10,11 +10,11 @@ use crate::{
     role::{Unsaved, is_news},
 };
 
-/// How far a camera is.
+/// Status of a camera.
 #[derive(Clone, Debug)]
 pub(super) struct Progress {
     report: Report,
-    /// What others were told last.
+    /// The report that others were told last.
     told: Report,
 }
 
@@ -36,7 +36,7 @@ impl Progress {
         self.report.pose().copied()
     }
 
-    /// Whether there is anything to tell.
+    /// Returns true if there is anything to tell.
     pub(super) fn has_report(&self) -> bool {
         self.report.state != CameraState::Waiting
     }
@@ -54,7 +54,7 @@ impl Progress {
         self.told = self.report;
     }
 
-    /// Takes a new report: whether others should hear of it.
+    /// Takes a new report: returns true if others should hear of it.
     pub(super) fn update(&mut self, report: Report, unsaved: &mut Unsaved) -> bool {
         if report == self.report {
             return false;
@@ -68,7 +68,7 @@ impl Progress {
         is_news
     }
 
-    /// This reference camera knows its pose now: what it reports.
+    /// The report of this reference camera, which knows its pose now.
     pub(super) fn solved(&self, duty: Duty, solved: &Report, config: &CameraConfig) -> Report {
         Report {
             id: self.report.id,
@@ -79,12 +79,12 @@ impl Progress {
         }
     }
 
-    /// What a camera reports that knows nothing.
+    /// Report of a camera that knows nothing.
     pub(super) const fn nothing_known(&self) -> Report {
         nothing_known(self.report.id)
     }
 
-    /// It knows nothing, and nobody is there who was told anything else.
+    /// It knows nothing, and no receiver of an earlier report is there.
     pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
         self.report = self.nothing_known();
         unsaved.insert(FactKey::Report);
@@ -110,7 +110,7 @@ const fn nothing_known(id: u16) -> Report {
     }
 }
 
-/// Whether a camera needs no more stops: it is calibrated, and as certain as it was told to become.
+/// Returns true if a camera needs no more stops: it is calibrated, and as certain as it was told to become.
 /// With any pose it is done when it can take no more sightings.
 pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraState) -> bool {
     let Some(pose) = state.pose().and_then(PoseParts::pose) else {

@@ -17,8 +17,8 @@ use crate::{
     message::{MemberAddress, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
 };
 
-/// A stop of a target of which it knows none but up to so many later ones is told late. Farther back
-/// are the numbers of a target that began anew.
+/// A stop of a target is told late if only later stops, up to so many, are known. Numbers farther back are
+/// those of a target that began anew.
 const LATE: StopNumber = 64;
 
 /// Headings that are not known to this, radians, are no answer yet.
@@ -27,14 +27,14 @@ const HEADING_LIMIT: f32 = 0.1;
 /// As many stops give an answer even where they contradict each other.
 const LAST_RESORT: usize = 10;
 
-/// What is known of the frame of the site before the reference solve.
+/// Known parts of the frame of the site before the reference solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ReferenceFrame {
-    /// Where the first reference camera is.
+    /// Position of the first reference camera.
     first: [f32; 2],
     /// The direction of the second from there, radians.
     direction: f32,
-    /// How far it is, if that is known.
+    /// Its distance, if that is known.
     baseline: Option<f32>,
     /// Direction of the step sensor's x axis against the baseline, if known.
     sensor_heading: Option<f32>,
@@ -85,7 +85,7 @@ impl OfStop for ReferenceStop {
     }
 }
 
-/// Why there is no answer yet.
+/// Reason why there is no answer yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NotYet {
     /// Fewer stops than wanted were seen by both.
@@ -94,7 +94,7 @@ pub(super) enum NotYet {
     Refused(Refusal),
 }
 
-/// Which stops of a walk decide.
+/// Stops of a walk that decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Attempt {
     /// All of the walk.
@@ -124,13 +124,13 @@ impl ReferenceStops {
         self.stops.clear();
     }
 
-    /// How many are kept.
+    /// Number of stops that are kept.
     pub(super) fn len(&self) -> usize {
         self.stops.len()
     }
 
-    /// Forgets what the other reference camera saw: it is another one now. Tells how many indices may
-    /// have changed: stops behind one that only the other saw move up.
+    /// Forgets the sightings of the other reference camera: it is another one now. Returns the number of
+    /// indices that may have changed: stops behind one that only the other saw move up.
     pub(super) fn forget_other(&mut self) -> usize {
         if self.stops.iter().all(|kept| kept.other.is_none()) {
             return 0;
@@ -147,7 +147,7 @@ impl ReferenceStops {
         self.stops.iter()
     }
 
-    /// Takes a stop of a former run, and tells its index.
+    /// Takes a stop of a former run, and returns its index.
     pub(super) fn restore(&mut self, stop: ReferenceStop) -> Option<usize> {
         let (index, kept) = self.entry(stop.target, stop.stop)?;
         *kept = stop;
@@ -155,8 +155,8 @@ impl ReferenceStops {
         Some(index)
     }
 
-    /// What is known of a stop, to be completed, and its index. A stop told late is none any more
-    /// when others need the room.
+    /// The entry of a stop, to be completed, and its index. A stop told late is none any more when others
+    /// need the room.
     fn entry(
         &mut self,
         target: MemberAddress,
@@ -176,7 +176,7 @@ impl ReferenceStops {
         Some((index, self.stops.get_mut(index)?))
     }
 
-    /// Whether all that are kept of its target are later.
+    /// Returns true if all kept stops of its target are later.
     fn is_late(&self, target: MemberAddress, stop: StopNumber) -> bool {
         let of_target = self.stops.iter().filter(|kept| kept.target == target);
         let mut ahead = of_target
@@ -185,7 +185,7 @@ impl ReferenceStops {
         ahead.peek().is_some() && ahead.all(|ahead| ahead <= LATE)
     }
 
-    /// This camera saw the target there. Tells the index of what changed.
+    /// This camera saw the target there. Returns the index of the changed entry.
     pub(super) fn own(
         &mut self,
         target: MemberAddress,
@@ -257,8 +257,8 @@ impl ReferenceStops {
         debug_assert!(seen.is_some(), "it begins within the list");
         let seen = seen.unwrap_or_default();
 
-        // The solve adds the covariances of displacements up. What comes of standing beside the
-        // place does not grow, so each one is what the way from the first stop has more.
+        // The solve adds the covariances of displacements up. The part that comes from standing beside the
+        // place does not grow, so each one is the excess over the way from the first stop.
         let (first_stop, first, _) = seen.first().ok_or(NotYet::Waiting)?;
         let mut before = (first.position(), Matrix2::zeros());
         for (stop, place, seen) in seen {
@@ -296,7 +296,7 @@ impl ReferenceStops {
         }
         let few = wanted.max(frame.fewest_to_check());
         for attempt in [Attempt::Last(few), Attempt::LastResort] {
-            // The contradiction is what people should hear of.
+            // People should hear of the contradiction.
             if let Ok(answer) = self.attempt(frame, wanted, attempt) {
                 return Ok(answer);
             }
@@ -382,7 +382,7 @@ fn in_frame_of_site(
         frame_heading: angle::wrap_signed(frame.direction + best.frame_heading),
         frame_heading_sigma: best.frame_heading_sigma(),
     };
-    // What nobody would accept is not told.
+    // Unbelievable numbers are not told.
     let is_sound = poses.iter().all(PoseParts::is_usable)
         && located.is_usable()
         && best.chi_squared.is_finite();
@@ -408,7 +408,7 @@ mod tests {
         stops.iter().map(OfStop::key).collect()
     }
 
-    /// The second camera was away, and tells all it saw. Nothing of that is of use any more.
+    /// The second camera was away, and tells all its sightings. None of them is of use any more.
     #[test]
     fn what_is_told_late_takes_no_room() {
         let mut stops = ReferenceStops::new();
@@ -430,7 +430,7 @@ mod tests {
         }
     }
 
-    /// Where the numbers of two targets are, to each other, is chance.
+    /// The order of two targets' numbers is chance.
     #[test]
     fn the_newest_stops_of_two_targets_are_kept() {
         for second in [0, 20_000, 40_000, 60_000] {

@@ -1,4 +1,4 @@
-//! What a camera does at a stop of a target: look, answer, count.
+//! A camera at a stop of a target: it looks, answers and counts.
 
 use calib_core::{Status, angle, dead_reckoning::Place};
 use nalgebra::{RealField, Vector2};
@@ -36,8 +36,8 @@ const STUCK: u8 = 2;
 const WELL_INSIDE: f32 = 0.8;
 
 impl CameraRole {
-    /// Whether what is seen at this stop is of use to this camera, or makes it a reference. To the
-    /// target every bearing is.
+    /// Returns true if a sighting at this stop is of use to this camera, or makes it a reference. To the
+    /// target every bearing is of use.
     fn needs(&self, stopped: &Stopped) -> bool {
         let report = self.progress.report();
         match stopped.frame {
@@ -80,7 +80,7 @@ impl CameraRole {
         }
     }
 
-    /// Remembers a target, so that it is told when the pose is known.
+    /// Remembers a target, so that it hears of the pose when it is known.
     pub(super) fn on_heard(&mut self, now: Instant, target: MemberAddress) {
         let heard = self.targets.on_heard(target, self.progress.has_report());
         if let Some(replaced) = heard.replaced {
@@ -122,7 +122,7 @@ impl CameraRole {
         }
     }
 
-    /// The hardware cannot look for a while: whoever waits hears of it at once, and asks again.
+    /// The hardware cannot look for a while: targets that wait hear of it at once, and ask again.
     pub(super) fn on_starting(&mut self, now: Instant) {
         let (requests, command) = self.device.on_starting();
         for request in requests.into_iter().flatten() {
@@ -135,7 +135,7 @@ impl CameraRole {
         }
     }
 
-    /// What was seen at a stop is known.
+    /// The result of a look at a stop is known.
     fn on_look(&mut self, now: Instant, request: LookRequest, sight: Sight, seen: Option<Seen>) {
         let LookRequest {
             target, stopped, ..
@@ -174,7 +174,7 @@ impl CameraRole {
     #[inline(never)]
     fn judge_light(&mut self, now: Instant, stopped: &Stopped, sight: Sight) {
         let subjects = &self.config.subjects;
-        // What moves is found in any light, and its background must not be learnt now.
+        // Motion is found in any light, and its background must not be learnt now.
         let Some(Subject::Colour(_)) = subjects.of_target(stopped.colour) else {
             return;
         };
@@ -212,8 +212,8 @@ impl CameraRole {
         }
     }
 
-    /// A target tells whose looks at a stop came while it stood there. Only those count: whoever
-    /// heard of the stop late, or again, saw the target elsewhere.
+    /// A target names the cameras whose looks at a stop came while it stood there. Only those looks count: a
+    /// camera that heard of the stop late, or again, saw the target elsewhere.
     pub(super) fn on_confirmed(
         &mut self,
         now: Instant,
@@ -258,16 +258,16 @@ impl CameraRole {
         }
     }
 
-    /// Repeats what the target has not confirmed.
+    /// Repeats answers that the target has not confirmed.
     pub(super) fn repeat_answers(&mut self, now: Instant) {
         while let Some(look) = self.looks.take_due(now) {
             self.answer(now, look.target, look.stopped.stop, look.sight, look.seen);
         }
     }
 
-    /// Holds a bearing of a target that knows its place against the pose that this camera has been told, or
-    /// solved as a reference. Off twice, more than fits in between, it is doubtful until as many fit: the
-    /// camera was moved, or the target is not where it believes.
+    /// Compares a bearing of a target that knows its place with the pose that this camera has been told, or
+    /// solved as a reference. If two more bearings are off than fit, the pose is doubtful until as many fit:
+    /// the camera was moved, or the target is not where it believes.
     // for less stack
     #[inline(never)]
     fn watch(&mut self, now: Instant, place: &Place<f32>, seen: &Seen) {
@@ -328,7 +328,7 @@ impl CameraRole {
         self.unsaved.insert(sighting(index));
         let other_lens = self.calibration.with_other_lens(&self.config.lens);
         if report.joint.is_some() {
-            // What all measurements gave is not replaced by what some of them give.
+            // The result of all measurements is not replaced by that of some of them.
             if let Some(state) = other_lens {
                 self.update(
                     now,

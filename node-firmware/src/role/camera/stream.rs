@@ -1,4 +1,4 @@
-//! What a camera that tracks tells the coordinator: the last frame, now and then.
+//! Reports of a camera that tracks to the coordinator: the last frame, now and then.
 
 use core::time::Duration;
 
@@ -6,8 +6,8 @@ use zigbee_link::Instant;
 
 use crate::message::{Seen, Tracked, TrackedBlob};
 
-/// Between two frames with an object that are told: as many cameras as see four objects from everywhere leave
-/// the air free for other things.
+/// Time between two told frames with an object: as many cameras as see four objects from everywhere leave the
+/// air free for other things.
 const SEEN: Duration = Duration::from_millis(200);
 /// Between two frames without one.
 const NOTHING: Duration = Duration::from_secs(2);
@@ -28,7 +28,7 @@ impl Stream {
         }
     }
 
-    /// Takes a frame. What was there is of no use any more.
+    /// Takes a frame. The former one is of no use any more.
     pub(super) fn on_frame(&mut self, now: Instant, tracked: Tracked) {
         let seen = tracked.seen.filter(Seen::is_usable);
         self.latest = Some((now, Tracked { seen, ..tracked }));
@@ -48,7 +48,7 @@ impl Stream {
         })
     }
 
-    /// When there is something to tell. That an object is gone is told as soon as that it is there.
+    /// Time when there is something to tell. That an object is gone is told as soon as that it is there.
     pub(super) fn next_due(&self) -> Option<Instant> {
         let (at, tracked) = &self.latest?;
         Some(match self.told {
@@ -82,7 +82,7 @@ mod tests {
         }
     }
 
-    /// Of fifty frames a second, five, each the last one, with its age.
+    /// Of fifty frames a second, five are told, each the last one, with its age.
     #[test]
     fn five_a_second_are_told() {
         let mut stream = Stream::new();

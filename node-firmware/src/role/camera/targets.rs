@@ -1,5 +1,4 @@
-//! The targets that a camera knows: who is told how far it is, and what was seen at the last stop of
-//! each.
+//! The targets that a camera knows: those that hear of its status, and the look at the last stop of each.
 
 use core::time::Duration;
 
@@ -10,11 +9,11 @@ use crate::{
     message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber, Stopped},
 };
 
-/// A stop told late comes after the next few were. Farther back are the numbers of a target that
-/// began anew.
+/// A stop told late comes after the next few were. Numbers farther back are those of a target that began
+/// anew.
 const OVERTAKEN: StopNumber = 8;
 
-/// Places nearer to each other than so many sigmas of how a target stands are one.
+/// Places nearer to each other than so many sigmas of a standing target are one.
 const STANDING_SIGMAS: f32 = 4.0;
 
 /// After an answer that was not confirmed, before it is repeated: a target confirms the first ones
@@ -24,7 +23,7 @@ const REPEAT: Duration = Duration::from_millis(1_500);
 /// Then it is given up: the target walks, or does not hear.
 const REPEATS: u8 = 4;
 
-/// A target that is told how far this camera is.
+/// A target that hears of this camera's status.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownTarget {
     address: MemberAddress,
@@ -38,10 +37,10 @@ pub(super) struct KnownTargets {
     targets: heapless::Vec<KnownTarget, TARGETS>,
 }
 
-/// What follows when a target is heard.
+/// Consequences when a target is heard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Heard {
-    /// It has not been told yet how far this camera is.
+    /// It has not been told this camera's status yet.
     pub(super) missed_report: bool,
     /// This one made room.
     pub(super) replaced: Option<MemberAddress>,
@@ -80,7 +79,7 @@ impl KnownTargets {
         }
     }
 
-    /// A target was told how far this camera is, or not: then when it is heard again.
+    /// A target was told this camera's status, or not: then it is told when it is heard again.
     pub(super) fn on_report_sent(&mut self, target: MemberAddress, delivered: bool) {
         let mut targets = self.targets.iter_mut();
         if let Some(known) = targets.find(|known| known.address == target) {
@@ -97,16 +96,16 @@ impl KnownTargets {
     }
 }
 
-/// What was seen at the last stop of a target.
+/// The look at the last stop of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LastLook {
     pub(super) target: MemberAddress,
-    /// Where the target said that it stood. The same stop may be told again in the other frame.
+    /// Place where the target said that it stood. The same stop may be told again in the other frame.
     pub(super) stopped: Stopped,
     pub(super) sight: Sight,
     /// Also where it was not believed.
     pub(super) seen: Option<Seen>,
-    /// How many looks in a row were the same to the bit, at places that are apart, before this one.
+    /// Number of looks in a row before this one that were the same to the bit, at places that are apart.
     pub(super) repeats: u8,
     /// The target was seen, and has not said yet that it stood there then.
     pub(super) unconfirmed: Option<Unconfirmed>,
@@ -115,9 +114,9 @@ pub(super) struct LastLook {
 /// An answer that the target has not confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Unconfirmed {
-    /// When to repeat it, if not for the last time.
+    /// Time to repeat it, if not for the last time.
     again: Option<Instant>,
-    /// How often that was done.
+    /// Number of repetitions.
     repeats: u8,
 }
 
@@ -166,13 +165,13 @@ impl LastLooks {
         self.looks.iter().find(is_it).copied()
     }
 
-    /// What was seen last of this target.
+    /// The last sight of this target.
     pub(super) fn last_sight(&self, target: MemberAddress) -> Option<Sight> {
         let mut looks = self.looks.iter();
         Some(looks.find(|look| look.target == target)?.sight)
     }
 
-    /// The target confirms this look: it, if that was not known.
+    /// The target confirms this look: returns it, if that was not known.
     pub(super) fn confirm(&mut self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
         let mut looks = self.looks.iter_mut();
         let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop))?;
@@ -188,7 +187,7 @@ impl LastLooks {
             .min()
     }
 
-    /// A look of which the answer is to be repeated now.
+    /// A look whose answer is to be repeated now.
     pub(super) fn take_due(&mut self, now: Instant) -> Option<LastLook> {
         self.looks.iter_mut().find_map(|look| {
             let unconfirmed = look.unconfirmed.as_mut()?;
@@ -198,8 +197,8 @@ impl LastLooks {
         })
     }
 
-    /// The target confirmed others: the answer was lost. It stands there and hears, so this repetition does not
-    /// count.
+    /// The target confirmed others: the answer was lost. The target stands there and hears, so this
+    /// repetition does not count.
     pub(super) fn repeat(&mut self, now: Instant, target: MemberAddress, stop: StopNumber) {
         let mut looks = self.looks.iter_mut();
         let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop));
@@ -209,8 +208,8 @@ impl LastLooks {
         }
     }
 
-    /// How many looks at this target in a row were this to the bit, although it says that it stood
-    /// elsewhere each time. Of good looks one in a hundred or so repeats the last one by chance.
+    /// Number of looks at this target in a row that were equal to this one to the bit, although it says that
+    /// it stood elsewhere each time. Of good looks one in a hundred or so repeats the last one by chance.
     pub(super) fn repeats(&self, target: MemberAddress, stopped: &Stopped, seen: &Seen) -> u8 {
         let mut looks = self.looks.iter();
         let last = looks.find(|look| look.target == target);
@@ -219,13 +218,13 @@ impl LastLooks {
             let within = place.parts().standing_sigma * STANDING_SIGMAS;
             let between = place.position() - last.stopped.place.position();
             let is_apart = between.norm_squared() > within * within;
-            // A target that does not know where it is counts from where it began: each time anew.
+            // A target that does not know its place counts from where it began: each time anew.
             let fixes = [&last.stopped, stopped].map(|stopped| {
                 let fix = stopped.place.parts().fix;
                 (stopped.frame == CoordinateFrame::Own).then_some(fix)
             });
             match last.seen == Some(*seen) {
-                // The same stop, told again in another frame, or nobody knows whether it walked.
+                // The same stop, told again in another frame, or it is not known whether it walked.
                 true if last.stopped.stop == stopped.stop || fixes[0] != fixes[1] => last.repeats,
                 true if is_apart => last.repeats.saturating_add(1),
                 _ => 0,
@@ -244,7 +243,7 @@ impl LastLooks {
     }
 }
 
-/// Whether a target that stood at `known` stands at `stop` no more.
+/// Returns true if a target that stood at `known` stands at `stop` no more.
 pub(super) fn is_past(known: StopNumber, stop: StopNumber) -> bool {
     (1..=OVERTAKEN).contains(&known.wrapping_sub(stop))
 }

@@ -88,7 +88,7 @@ fn camera_with(address: u16, config: CameraConfig) -> CameraRole {
     camera
 }
 
-/// What it wants when it has started and joined. All that it sends then is delivered.
+/// Its outputs when it has started and joined. All that it sends then is delivered.
 fn start(camera: &mut CameraRole, address: u16) -> Vec<Output<CameraNotification, CameraTask>> {
     camera.on_event(at(0), CameraEvent::Ready);
     camera.on_attached(at(0), Some(membership(7, address)));
@@ -97,7 +97,7 @@ fn start(camera: &mut CameraRole, address: u16) -> Vec<Output<CameraNotification
     outputs
 }
 
-/// What became of all that it sent.
+/// Reports the delivery of all that it sent.
 fn deliver(
     camera: &mut CameraRole,
     now: u64,
@@ -121,7 +121,7 @@ fn outputs(camera: &mut CameraRole, now: u64) -> Vec<Output<CameraNotification, 
     core::iter::from_fn(|| camera.poll(at(now))).collect()
 }
 
-/// What it sends, and to whom.
+/// Messages that it sends, and their receivers.
 fn sent(camera: &mut CameraRole, now: u64) -> Vec<(ShortAddress, Message)> {
     let outputs = outputs(camera, now).into_iter();
     outputs
@@ -206,12 +206,12 @@ fn the_second_reference_tells_the_first_what_it_saw_until_it_is_delivered() {
     assert_eq!(camera.next_deadline(), None);
     assert_eq!(bearings(&show(&mut camera, 30, 7)), [(1, 7)]);
     camera.on_sent(at(31), bearing(7), true);
-    // Nobody knows what a former run delivered: all of them again.
+    // The deliveries of a former run are not known: all of them again.
     camera.on_attached(at(40), None);
     assert_eq!(camera.next_deadline(), None);
     camera.on_attached(at(41), Some(membership(7, 2)));
     assert_eq!(bearings(&sent(&mut camera, 41)), [(1, 5), (1, 6), (1, 7)]);
-    // Other references: this camera tells none what it saw.
+    // Other references: this camera tells its sightings to none.
     let others = References {
         second: 3,
         ..REFERENCES
@@ -230,7 +230,7 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
     let told = show(&mut camera, 10, 5);
     assert!(matches!(told[..1], [(TARGET, Message::Look(_))]));
     assert_eq!(told[1..], [(COORDINATOR, trigger)]);
-    // With references nobody is told but the target.
+    // With references only the target is told.
     camera.on_message(at(20), COORDINATOR, &Message::References(REFERENCES));
     let stopped = Stopped {
         stop: 6,
@@ -247,7 +247,7 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
         matches!(&told[..], [(TARGET, Message::Look(look))] if look.seen == Some(SEEN)),
         "{told:?}"
     );
-    // It becomes one while the target stands there: what it has seen counts from this stop on.
+    // It becomes one while the target stands there: its sightings count from this stop on.
     let others = References {
         second: 4,
         ..REFERENCES
@@ -256,7 +256,7 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
     assert_eq!(bearings(&sent(&mut camera, 23)), [(1, 5), (1, 6)]);
 }
 
-/// Some may be in the flash alone: what was written before the present run was restored from it.
+/// Some may be in the flash alone: facts written before the present run were restored from it.
 #[test]
 fn what_is_forgotten_is_erased_wherever_it_may_be() {
     let mut camera = camera(2);
@@ -325,7 +325,7 @@ fn a_stop_told_late_is_none_when_others_need_the_room() {
     // There is room.
     assert_eq!(own(90), Some(REFERENCE_STOPS - 1));
     assert_eq!(own(89), None);
-    // Of a target that began anew, and a new one.
+    // From a target that began anew, and a new one.
     assert_eq!(own(25), Some(0));
     assert_eq!(own(200), Some(1));
     assert_eq!(stops.len(), REFERENCE_STOPS);
@@ -421,7 +421,7 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
     }
 }
 
-/// Where a target stands, in view of cameras at (0, 0) and (10, 0) that look at (5, 5).
+/// Places where a target stands, in view of cameras at (0, 0) and (10, 0) that look at (5, 5).
 const STOPS: [[f32; 2]; 4] = [[5.0, 5.0], [3.6, 7.5], [6.4, 7.0], [4.5, 4.6]];
 
 fn seen_from(x: f32, heading_deg: f32, [to_x, to_y]: [f32; 2]) -> Seen {
@@ -447,7 +447,7 @@ fn see(camera: &mut CameraRole, now: u64, stopped: &Stopped) {
     confirm(camera, now, stopped.stop);
 }
 
-/// The first reference, which has just solved, and what it wants then.
+/// The first reference, which has just solved, and its outputs then.
 fn solved() -> (CameraRole, Vec<Output<CameraNotification, CameraTask>>) {
     let mut camera = camera(1);
     camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
@@ -530,7 +530,7 @@ fn what_was_solved_is_not_told_after_it_is_forgotten() {
     camera.on_message(at(12), COORDINATOR, &forget);
     let reports = outputs(&mut camera, 12);
     assert!(!is_sent(&reports, Located) && !is_sent(&reports, Posed));
-    // Not even if what was in flight was lost.
+    // Not even if the messages in flight were lost.
     for told in [Located, Posed] {
         camera.on_sent(at(13), told, false);
     }
@@ -557,7 +557,7 @@ fn a_bearing_in_flight_is_not_repeated_after_it_is_forgotten() {
     assert_eq!(camera.next_deadline(), None);
 }
 
-/// What it saw there is forgotten, too, and with it the answer.
+/// Its sighting there is forgotten, too, and with it the answer.
 #[test]
 fn a_camera_that_forgot_looks_again_at_a_stop_that_it_had_seen() {
     let mut camera = camera(2);
@@ -634,7 +634,7 @@ fn what_a_reference_saw_is_written_down_before_it_is_told() {
     );
 }
 
-/// Who the others are is not known yet; and to the target every bearing is of use.
+/// The other references are not known yet; and to the target every bearing is of use.
 #[test]
 fn everybody_looks_at_targets_that_do_not_know_their_place() {
     let config = |duty: Option<Duty>| CameraConfig {
@@ -707,8 +707,7 @@ fn a_stop_told_again_during_the_look_is_looked_at_once() {
     assert_eq!(answered(&mut camera), (0, [8].to_vec()));
 }
 
-/// Whatever a camera saw after it heard of a stop, however late: only the target knows whether it stood
-/// there then.
+/// A look after it heard of a stop, however late: only the target knows whether it stood there then.
 #[test]
 fn a_look_counts_when_the_target_confirms_it() {
     for frame in [CoordinateFrame::Site, CoordinateFrame::Own] {
@@ -733,7 +732,7 @@ fn a_look_counts_when_the_target_confirms_it() {
         };
         let told = outputs(&mut camera, 41);
         assert_eq!((answers(&told), is_kept(&told)), (1, false));
-        // Of another stop, of another target, of others.
+        // Confirmations of another stop, of another target, of others.
         confirm(&mut camera, 41, 3);
         let other = Confirmation {
             stop: 2,
@@ -790,13 +789,13 @@ fn a_camera_that_missed_a_stop_asks_for_it() {
     let _ = outputs(&mut camera, 3);
     confirm_others(&mut camera, 4, 5);
     told_not_ready(&mut camera, 5);
-    // What is past is not asked for.
+    // It does not ask for past stops.
     confirm_others(&mut camera, 6, 4);
     assert_eq!(sent(&mut camera, 7), []);
 }
 
-/// Its camera restarts within a look, or seems to. That takes a while, and the target waits; for one
-/// that does not start nobody waits.
+/// Its camera restarts within a look, or seems to. That takes a while, and the target waits. If the camera
+/// does not start, no target waits for it.
 #[test]
 fn a_camera_that_starts_anew_says_so_at_once() {
     let mut camera = camera(4);
@@ -848,7 +847,7 @@ fn a_camera_that_starts_anew_says_so_at_once() {
     let mut asked = |event: Option<CameraEvent>, now| {
         if let Some(event) = event {
             camera.on_event(at(now), event);
-            // The coordinator hears how its camera is.
+            // The coordinator hears the state of its camera.
             let eye = match event {
                 CameraEvent::Failed => Eye::Failed,
                 _ => Eye::Sees,
@@ -883,7 +882,7 @@ fn health(camera: Eye) -> (ShortAddress, Message) {
     (COORDINATOR, Message::Health(health))
 }
 
-/// What is the matter with a node is told after each hello, and nothing of one that is well.
+/// The health of a node is told after each hello, and nothing of a healthy one.
 #[test]
 fn what_is_the_matter_with_it_is_told_again_when_it_is_asked() {
     let told = |camera: &mut CameraRole, now: u64| {
@@ -916,7 +915,7 @@ fn what_is_the_matter_with_it_is_told_again_when_it_is_asked() {
     }
 }
 
-/// Nobody needs to hear at each stop that there is nothing to see.
+/// A target does not need to hear at each stop that there is nothing to see.
 #[test]
 fn a_camera_without_the_target_in_view_says_so_once_or_when_it_is_asked() {
     let mut camera = camera(4);
@@ -971,7 +970,7 @@ fn a_target_that_was_away_hears_the_report_when_it_is_heard_again() {
     camera.on_sent(at(13), CameraNotification::Report(COORDINATOR.0), true);
     camera.on_sent(at(13), CameraNotification::Report(8), true);
     camera.on_sent(at(13), CameraNotification::Report(9), false);
-    // Nobody is called who is not there.
+    // No absent target is called.
     assert_eq!(camera.next_deadline(), None);
     assert_eq!(reports(&hear(&mut camera, 100, 8, 2)), [false, false]);
     assert_eq!(reports(&hear(&mut camera, 110, 9, 4)), [false, true]);
@@ -1018,7 +1017,7 @@ fn the_coordinator_hears_a_report_before_targets_do() {
     assert!(reports.eq([COORDINATOR, TARGET]), "{told:?}");
 }
 
-/// What members of a former network were told is nothing to those of this one.
+/// Members of this network have not heard what those of a former network were told.
 #[test]
 fn what_is_news_in_a_network_is_what_differs_from_what_was_told_there() {
     let mut camera = camera(2);
@@ -1052,7 +1051,7 @@ fn what_is_news_in_a_network_is_what_differs_from_what_was_told_there() {
         ..REFERENCES
     };
     camera.on_message(at(6), COORDINATOR, &Message::References(references));
-    // Near to what was told first, but that was elsewhere.
+    // Near to the one told first, but that was elsewhere.
     assert!(posed(&mut camera, 7, 9.98));
 }
 
@@ -1083,11 +1082,11 @@ fn a_camera_that_begins_anew_in_another_network_tells_what_it_learns_there() {
     let hello = outputs(&mut camera, 13);
     deliver(&mut camera, 13, &hello, true);
     assert_eq!(camera.report().state, CameraState::Waiting);
-    // The same as before, but nobody there has heard it.
+    // The same as before, but no member there has heard it.
     assert_eq!(calibrate(&mut camera), [false, false, true]);
 }
 
-/// A target at `(x, y)` says that it stands there; the camera sees it at `bearing`. What it answers.
+/// A target at `(x, y)` says that it stands there; the camera sees it at `bearing`. Returns its answer.
 fn seen_at(
     camera: &mut CameraRole,
     stop: StopNumber,
@@ -1219,8 +1218,8 @@ fn a_pose_is_taken_from_a_target_that_was_not_heard_before() {
     assert_eq!(camera.report().pose().unwrap().position, [1.0, 2.0]);
 }
 
-/// Who moved a camera has it forget its pose. Its target has not seen it elsewhere yet, and tells it the old
-/// one again.
+/// A camera that was moved is told to forget its pose. Its target has not seen it elsewhere yet, and tells it
+/// the old one again.
 #[test]
 fn a_camera_that_forgot_takes_no_pose_before_it_has_seen_a_target() {
     let mut camera = told();
@@ -1254,7 +1253,7 @@ fn a_camera_that_no_longer_fits_is_doubtful_after_two_sightings() {
     }
 }
 
-/// Whoever solves may leave out the bearings that do not fit. The camera does not.
+/// The solver may leave out the bearings that do not fit. The camera does not.
 #[test]
 fn a_pose_that_no_longer_fits_is_not_good_for_being_told_again() {
     let mut camera = told();
@@ -1276,7 +1275,7 @@ fn a_pose_that_no_longer_fits_is_not_good_for_being_told_again() {
 }
 
 /// A reference stands where it was told. Turned, it was moved: a pose with another heading at that place
-/// explains what it sees, and is not where it stands.
+/// explains its sightings, and is not where it stands.
 #[test]
 fn a_camera_of_a_given_place_that_was_turned_is_doubtful() {
     let given = |heading| {
@@ -1308,7 +1307,7 @@ fn a_camera_of_a_given_place_that_was_turned_is_doubtful() {
     }
 }
 
-/// What contradicts a good pose makes it doubtful; only what is told once more replaces it.
+/// A pose that contradicts a good one makes it doubtful; only one that is told once more replaces it.
 #[test]
 fn a_contradiction_replaces_no_good_pose() {
     let mut camera = told();
@@ -1341,7 +1340,7 @@ fn colour_camera(address: u16) -> CameraRole {
     camera_with(address, config)
 }
 
-/// A target stands, and the camera sees nothing: whether it adapts to the light then.
+/// A target stands, and the camera sees nothing: returns true if it adapts to the light then.
 fn miss(camera: &mut CameraRole, now: u64, stopped: &Stopped) -> bool {
     camera.on_message(at(now), TARGET, &Message::Stopped(*stopped));
     let look = Output::Task(CameraTask::Look { colour: 0 });
@@ -1349,7 +1348,7 @@ fn miss(camera: &mut CameraRole, now: u64, stopped: &Stopped) -> bool {
     camera.on_event(at(now), CameraEvent::Looked(Sight::NotInView, None));
     let adapts = outputs(camera, now).contains(&Output::Task(CameraTask::Adapt));
     if adapts {
-        // Whoever asks meanwhile hears so, and the target waits.
+        // A target that asks meanwhile hears so, and waits.
         let next = Stopped {
             stop: stopped.stop + 1,
             ..*stopped
@@ -1365,7 +1364,7 @@ fn miss(camera: &mut CameraRole, now: u64, stopped: &Stopped) -> bool {
 
 const NEVER: [StopNumber; 0] = [];
 
-/// The stops, out of so many, after which a camera adapts that sees nothing.
+/// The stops, out of so many, after which a camera that sees nothing adapts.
 fn adaptations(
     camera: &mut CameraRole,
     stops: u16,
@@ -1381,7 +1380,7 @@ fn a_camera_that_never_sees_anything_adapts_to_the_light_ever_less_often() {
     let own = |stop| stopped(stop, CoordinateFrame::Own);
     let mut blind = colour_camera(4);
     assert_eq!(adaptations(&mut blind, 100, own), [111, 135, 183]);
-    // The background of what moves would have the target in it.
+    // The background of moving objects would have the target in it.
     let mut camera = camera(4);
     assert_eq!(adaptations(&mut camera, 100, own), NEVER);
 }
@@ -1412,7 +1411,7 @@ fn a_camera_that_does_not_see_a_target_in_its_view_adapts_when_it_has_left() {
         place: place_at([-5.0, -5.0]),
         ..in_view(stop)
     };
-    // Nothing is wrong with a camera that does not see what is behind it.
+    // Nothing is wrong with a camera that does not see a target behind it.
     assert_eq!(adaptations(&mut calibrated(), 60, behind), NEVER);
     let leaves = |stop| {
         if stop < 104 {
@@ -1424,7 +1423,7 @@ fn a_camera_that_does_not_see_a_target_in_its_view_adapts_when_it_has_left() {
     assert_eq!(adaptations(&mut calibrated(), 60, leaves), [104]);
     // It does not leave.
     assert_eq!(adaptations(&mut calibrated(), 10, in_view), [107]);
-    // What it sees again begins the count anew.
+    // A new sighting begins the count anew.
     let mut camera = calibrated();
     assert_eq!(adaptations(&mut camera, 3, in_view), NEVER);
     let _ = outputs(&mut camera, 2_040);

@@ -1,9 +1,9 @@
-//! Who the reference cameras are: those configured, or the first two that saw a target (thesis 2.3).
+//! Appointment of the reference cameras: those configured, or the first two that saw a target (thesis 2.3).
 //!
-//! Without both of them nobody gets a pose. So until there is one they are asked now and then whether they
-//! are there. If one of them does not answer, or its camera does not serve, those that were elected are
-//! none any more, and who sees a target next becomes one. Nobody takes the place of one that is
-//! configured: people are told.
+//! Without both of them no camera gets a pose. So until there is one the coordinator asks now and then
+//! whether they are there. If one of them does not answer, or its camera does not serve, the elected ones are
+//! none any more, and the next camera that sees a target becomes one. No camera takes the place of a
+//! configured one: people are told.
 
 use core::time::Duration;
 
@@ -16,14 +16,14 @@ use crate::{
     message::{Duty, Eye, Health, MemberAddress, MemberKind, References, StopNumber},
 };
 
-/// How often it is asked whether a reference camera is there.
+/// Time between two questions whether a reference camera is there.
 const PROBE: Duration = Duration::from_secs(30);
 
 /// After a camera is told that it is the first reference, before another one is told that it is the
 /// second: four attempts of the link.
 pub(super) const FIRST_KNOWS: Duration = Duration::from_millis(300);
 
-/// So many messages in a row that did not reach it: it is not there. Each was repeated by the network.
+/// After so many messages in a row that did not reach it, it is not there. Each was repeated by the network.
 const UNREACHED: u8 = 2;
 
 /// The first camera that saw a target, at this stop of it.
@@ -34,14 +34,14 @@ pub(super) struct Trigger {
     pub(super) stop: StopNumber,
 }
 
-/// Who the references are, or how far their election is.
+/// The references, or the progress of their election.
 #[derive(Clone, Debug)]
 pub(super) struct Appointment {
     references: Option<References>,
     /// References were appointed in a former run.
     restored: bool,
     trigger: Option<Trigger>,
-    /// When it is asked next whether they are there.
+    /// Time of the next question whether they are there.
     probe_at: Option<Instant>,
 }
 
@@ -55,12 +55,12 @@ impl Appointment {
         }
     }
 
-    /// When it is asked next whether they are there.
+    /// Time of the next question whether they are there.
     pub(super) const fn next_probe(&self) -> Option<Instant> {
         self.probe_at
     }
 
-    /// Nobody has a pose: the references, if there are any, have to be there.
+    /// No camera has a pose: the references, if there are any, have to be there.
     pub(super) fn watch(&mut self, now: Instant) {
         if self.references.is_some() {
             self.probe_at.get_or_insert(now + PROBE);
@@ -71,19 +71,19 @@ impl Appointment {
         self.references
     }
 
-    /// Takes what was written down in a former run.
+    /// Takes the references of a former run.
     pub(super) const fn restore(&mut self, references: Option<References>) {
         self.references = references;
         self.restored = references.is_some();
     }
 
-    /// Whether a camera triggered.
+    /// Returns true if a camera triggered.
     pub(super) const fn is_triggered(&self) -> bool {
         self.trigger.is_some()
     }
 
-    /// Whether a camera that presents itself has to be told who the references are. A reference may
-    /// have missed it, or forgotten. After a restart of this node nobody knows who was one before,
+    /// Returns true if a camera that presents itself has to be told the references. A reference may have
+    /// missed them, or forgotten. After a restart of this node it is not known which camera was one before,
     /// and was not told.
     pub(super) fn concerns(&self, camera: MemberAddress, is_news: bool) -> bool {
         self.references.is_some_and(|references| {
@@ -91,8 +91,8 @@ impl Appointment {
         })
     }
 
-    /// This member is not known any more. If it was a reference camera, there are none: whether
-    /// that is so.
+    /// This member is not known any more. If it was a reference camera, there are none. Returns true if that
+    /// is so.
     fn forget(&mut self, address: MemberAddress) -> bool {
         self.trigger
             .take_if(|trigger| [trigger.camera, trigger.target].contains(&address));
@@ -125,14 +125,14 @@ impl CoordinatorRole {
         }
     }
 
-    /// Whether a camera knows its pose, so that there is a frame of the site.
+    /// Returns true if a camera knows its pose, so that there is a frame of the site.
     pub(super) fn has_frame(&self) -> bool {
         let mut reports = self.reports();
         reports.any(|(_, report)| report.pose().is_some())
     }
 
-    /// The camera that is configured as this reference, and its position. Of several the one that
-    /// was met last, which is there in place of the others.
+    /// The camera that is configured as this reference, and its position. Of several, the one that was met
+    /// last: it is there in place of the others.
     fn camera_with(&self, wanted: Duty) -> Option<(MemberAddress, Option<[f32; 2]>)> {
         self.members
             .iter()
@@ -166,23 +166,23 @@ impl CoordinatorRole {
         let former = self.appointment.references.replace(references);
         self.appointment.watch(now);
         self.unsaved.insert(FactKey::References);
-        // Those that are none any more, too.
+        // Former ones too.
         for references in former.into_iter().chain([references]) {
             self.notify(now, references.first, MemberNotification::References);
-            // It tells the first one at once what it saw, which knows by then what to make of it.
+            // It tells the first one its sightings at once, which knows by then how to use them.
             let due = now + FIRST_KNOWS;
             self.notify(due, references.second, MemberNotification::References);
         }
     }
 
-    /// Whether the references are configured, or one of them.
+    /// Returns true if the references are configured, or one of them.
     fn is_configured(&self) -> bool {
         let mut duties = [Duty::First, Duty::Second].iter();
         duties.any(|&duty| self.camera_with(duty).is_some())
     }
 
-    /// Asks, when it is time, whether the references are there: as long as nobody has a pose, and there
-    /// is a target that waits for them.
+    /// Asks, when it is time, whether the references are there: as long as no camera has a pose, and there is
+    /// a target that waits for them.
     pub(super) fn probe(&mut self, now: Instant) {
         if self.appointment.probe_at.take_if(|at| *at <= now).is_none() {
             return;
@@ -201,7 +201,7 @@ impl CoordinatorRole {
         }
     }
 
-    /// A camera was told who the references are, or said something itself; or it was not reached.
+    /// A camera was told the references, or said something itself; or it was not reached.
     pub(super) fn on_reached(&mut self, now: Instant, camera: MemberAddress, is_there: bool) {
         let Some(known) = self.members.get(camera) else {
             return;
@@ -228,7 +228,7 @@ impl CoordinatorRole {
         references.is_some_and(|references| references.duty_of(ShortAddress(camera)).is_some())
     }
 
-    /// A member tells how it is.
+    /// A member tells its health.
     pub(super) fn on_health(&mut self, now: Instant, address: MemberAddress, health: Health) {
         let Some(member) = self.members.of(address) else {
             return;
@@ -240,8 +240,8 @@ impl CoordinatorRole {
         }
     }
 
-    /// One of the references does not serve: others may take their places, unless they are configured,
-    /// or have done what they are for.
+    /// One of the references does not serve: others may take their places, unless they are configured, or
+    /// have done their duty.
     fn dismiss(&mut self, now: Instant) {
         if self.is_configured() || self.has_frame() {
             return;
@@ -252,9 +252,9 @@ impl CoordinatorRole {
         self.on_dismissed(now, former);
     }
 
-    /// The first camera to see a target triggers; the next one that sees it at the same stop
-    /// becomes its helper (thesis 2.3). Not where cameras know their poses, as they may from a former
-    /// network: the target finds its place from them, and a second frame would begin here.
+    /// The first camera to see a target triggers; the next one that sees it at the same stop becomes its
+    /// helper (thesis 2.3). Not where cameras know their poses, as they may from a former network: the target
+    /// finds its place from them, and a second frame would begin here.
     pub(super) fn on_trigger(&mut self, now: Instant, trigger: Trigger) {
         if self.appointment.references.is_some() || self.is_configured() || self.has_frame() {
             return;

@@ -1,9 +1,9 @@
-//! The coordinator: who is there, who the references are, and what people want to know.
+//! The coordinator: the members, the references, and the reports for people.
 //!
 //! It computes no poses. It tells targets which cameras to expect, appoints the reference cameras
 //! (those configured, or the first two that saw a target), collects poses for the PC on its line,
-//! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A). What cameras that track
-//! see it puts together to objects and where they are.
+//! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A). It combines the
+//! looks of cameras that track to objects and their places.
 
 mod appointment;
 mod pc;
@@ -38,10 +38,10 @@ use crate::{
     network::Attachment,
 };
 
-/// How long a button opens the join window.
+/// Time for which a button opens the join window.
 const BUTTON_WINDOW: Duration = Duration::from_secs(60);
 
-/// A roster is sent when nobody new came for so long.
+/// A roster is sent when no new member came for so long.
 const ROSTER_AFTER: Duration = Duration::from_millis(500);
 
 /// A message of which the coordinator must know whether it was delivered.
@@ -54,15 +54,15 @@ pub enum CoordinatorNotification {
     Command(MemberAddress, CameraCommand),
 }
 
-/// What a member has to be told.
+/// Message that a member has to be told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MemberNotification {
     /// The question who it is.
     WhoIsThere,
-    /// A target: which cameras there are.
+    /// A target: the list of cameras.
     Roster,
-    /// A camera: who the references are.
+    /// A camera: the references.
     References,
 }
 
@@ -72,7 +72,7 @@ impl Notification for MemberNotification {
     }
 }
 
-/// A task for what surrounds the coordinator.
+/// A task for the surroundings of the coordinator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinatorTask {
@@ -84,9 +84,9 @@ pub enum CoordinatorTask {
     Remove(MemberAddress),
     /// Begin to change the site key, and tell the PC.
     ChangeKey(SiteKey),
-    /// Tell the PC which network it is.
+    /// Tell the PC identifier and channel of the network.
     TellNetwork,
-    /// Tell the PC how the change of the site key goes.
+    /// Tell the PC the progress of the change of the site key.
     TellKeyChange,
     /// Take another PAN identifier, and tell the PC.
     ChangePan,
@@ -94,7 +94,7 @@ pub enum CoordinatorTask {
     TellConflict,
 }
 
-/// What surrounds the coordinator tells.
+/// Events from the surroundings of the coordinator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinatorEvent {
@@ -104,17 +104,17 @@ pub enum CoordinatorEvent {
     Button(Button),
 }
 
-/// What is known of a member besides its report.
+/// Knowledge about a member besides its report.
 #[derive(Clone, Debug, Default)]
 struct Known {
     hello: Option<Hello>,
-    /// What it has to be told.
+    /// Messages that it has to be told.
     notifications: Notifications<MemberNotification, 3>,
-    /// A target: of so many cameras it was told since one was new.
+    /// A target: number of cameras that it was told since one was new.
     roster_told: u8,
     /// As it told after its hello.
     health: Health,
-    /// A camera: so many messages in a row about the references did not reach it.
+    /// A camera: number of messages in a row about the references that did not reach it.
     unreached: u8,
 }
 
@@ -141,7 +141,7 @@ pub struct CoordinatorRole {
     outbox: Outbox<CoordinatorNotification, 8>,
     tasks: Tasks,
     roll_calls: RollCalls,
-    /// What the PC was told last of a target's stop.
+    /// The stop of a target that the PC was told last.
     stopped: Option<(MemberAddress, StopNumber, Option<SitePlace>)>,
     tracking: Tracking,
     /// Its own.
@@ -180,14 +180,14 @@ impl CoordinatorRole {
         self.tracking.configure(config);
     }
 
-    /// What cameras reported, with their addresses.
+    /// Reports of cameras, with their addresses.
     pub fn reports(&self) -> impl Iterator<Item = (MemberAddress, &Report)> {
         self.members
             .iter()
             .filter_map(|member| Some((member.address, member.report.as_ref()?)))
     }
 
-    /// Somebody sent something. A member that never said who it is, is asked.
+    /// A member sent something. If it never presented itself, it is asked.
     fn meet(&mut self, now: Instant, address: MemberAddress) {
         if let Some(member) = self.members.of(address)
             && member.more.hello.is_none()
@@ -200,7 +200,7 @@ impl CoordinatorRole {
         }
     }
 
-    /// A target repeats itself while it stands: only what is new goes to the PC.
+    /// A target repeats itself while it stands: only news goes to the PC.
     fn tell_stop(&mut self, address: MemberAddress, stopped: &Stopped) {
         let (stop, place) = (stopped.stop, stopped.told());
         let news = (address, stop, place);
@@ -213,7 +213,7 @@ impl CoordinatorRole {
         }
     }
 
-    /// What a camera that tracks sees.
+    /// Takes the look of a camera that tracks.
     fn on_tracked(&mut self, now: Instant, address: MemberAddress, tracked: &Tracked) {
         self.tasks.tell(ToPc::Tracked {
             address,
@@ -252,7 +252,7 @@ impl CoordinatorRole {
         let notifications = &mut member.notifications;
         notifications.cancel(MemberNotification::WhoIsThere);
         let is_news = member.hello.replace(hello) != Some(hello);
-        // What is the matter with it follows.
+        // Its health follows.
         member.health = Health::default();
         match hello.kind {
             MemberKind::Target => {
@@ -311,7 +311,7 @@ impl CoordinatorRole {
         roster
     }
 
-    /// Who has said who it is, of more than there is room for the first ones.
+    /// Members that have presented themselves; the first ones if there is no room for all.
     fn heard(&self) -> heapless::Vec<MemberAddress, ROSTER> {
         let heard = self
             .members
@@ -328,7 +328,7 @@ impl CoordinatorRole {
         })
     }
 
-    /// What a member is told, as it is known now.
+    /// The message to a member, as it is known now.
     fn message_of(&mut self, member: MemberAddress, what: MemberNotification) -> Option<Message> {
         Some(match what {
             MemberNotification::WhoIsThere => Message::WhoIsThere(heapless::Vec::new()),

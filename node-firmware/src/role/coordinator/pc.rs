@@ -1,4 +1,4 @@
-//! What the PC on the coordinator's line wants, and is told.
+//! Requests of the PC on the coordinator's line, and answers to it.
 
 use core::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::{
     role::{COORDINATOR, Role},
 };
 
-/// What the surroundings are to do, most of it for the PC.
+/// Tasks of the surroundings, most of them for the PC.
 #[derive(Clone, Debug)]
 pub(super) struct Tasks {
     queue: heapless::Deque<CoordinatorTask, 16>,
@@ -31,12 +31,12 @@ impl Tasks {
         }
     }
 
-    /// Full, the PC misses something until it asks for everything again.
+    /// If it is full, the PC misses something until it asks for everything again.
     pub(super) fn tell(&mut self, message: ToPc) {
         let _ = self.queue.push_back(CoordinatorTask::Tell(message));
     }
 
-    /// Full, the PC asks again.
+    /// If it is full, the PC asks again.
     pub(super) fn tell_network(&mut self) {
         let _ = self.queue.push_back(CoordinatorTask::TellNetwork);
     }
@@ -45,18 +45,18 @@ impl Tasks {
         self.join_window = Some(time);
     }
 
-    /// Whether it is done. Full, the PC hears nothing of it, and asks again.
+    /// Returns true if it is done. If it is full, the PC hears nothing of it, and asks again.
     fn remove(&mut self, address: MemberAddress) -> bool {
         let removed = self.queue.push_back(CoordinatorTask::Remove(address));
         removed.is_ok()
     }
 
-    /// Full, the PC hears nothing of it, and asks again.
+    /// If it is full, the PC hears nothing of it, and asks again.
     fn change_key(&mut self, key: SiteKey) {
         let _ = self.queue.push_back(CoordinatorTask::ChangeKey(key));
     }
 
-    /// What is to be done next.
+    /// The next task.
     pub(super) fn take(&mut self) -> Option<CoordinatorTask> {
         if let Some(window) = self.join_window.take() {
             return Some(CoordinatorTask::OpenJoinWindow(window));
@@ -89,7 +89,7 @@ impl CoordinatorRole {
                 }
             }
             FromPc::Sightings(address) => {
-                // Full, they are asked for again: none came.
+                // If it is full, they are asked for again: none came.
                 let to = ShortAddress(address);
                 let _ = self.outbox.push(now, to, Message::Sightings, None);
             }
@@ -99,7 +99,7 @@ impl CoordinatorRole {
                 }
             }
             FromPc::ChangeKey(key) => self.tasks.change_key(key),
-            // Full, the PC hears nothing of it, and asks again.
+            // If it is full, the PC hears nothing of it, and asks again.
             FromPc::ChangePan => drop(self.tasks.queue.push_back(CoordinatorTask::ChangePan)),
         }
     }

@@ -1,14 +1,13 @@
-//! When everybody is asked who they are.
+//! Times of the question to all members who they are.
 
 use core::time::Duration;
 
 use zigbee_link::Instant;
 
-/// After a start everybody is asked who they are, and again after these times, for broadcasts may
-/// be lost.
+/// After a start all members are asked who they are, and again after these times, for broadcasts may be lost.
 const ROLL_CALLS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(25)];
 
-/// When everybody is asked who they are.
+/// Times of the question to all members who they are.
 #[derive(Clone, Debug)]
 pub(super) struct RollCalls {
     made: usize,

@@ -18,7 +18,7 @@ fn outputs(
     core::iter::from_fn(|| role.poll(at(now))).collect()
 }
 
-/// What it sends, and to whom.
+/// Messages that it sends, and their receivers.
 fn sent(role: &mut CoordinatorRole, now: u64) -> Vec<(u16, Message)> {
     let outputs = outputs(role, now).into_iter();
     outputs
@@ -29,7 +29,7 @@ fn sent(role: &mut CoordinatorRole, now: u64) -> Vec<(u16, Message)> {
         .collect()
 }
 
-/// What it tells the PC.
+/// Messages to the PC.
 fn told(role: &mut CoordinatorRole, now: u64) -> Vec<ToPc> {
     let outputs = outputs(role, now).into_iter();
     outputs
@@ -40,7 +40,7 @@ fn told(role: &mut CoordinatorRole, now: u64) -> Vec<ToPc> {
         .collect()
 }
 
-/// A coordinator that has asked everybody who they are.
+/// A coordinator that has asked all members who they are.
 fn coordinator() -> CoordinatorRole {
     coordinator_with(&[])
 }
@@ -104,7 +104,7 @@ fn targets_alone_hear_of_cameras() {
     assert_eq!(sent(&mut role, 70), []);
 }
 
-/// What a target is told until it knows all cameras. One message in three is lost.
+/// Parts that a target is told until it knows all cameras. One message in three is lost.
 fn all_parts(role: &mut CoordinatorRole, mut now: u64) -> Vec<Vec<u16>> {
     let notification = CoordinatorNotification::Member(9, MemberNotification::Roster);
     let mut parts = Vec::new();
@@ -139,7 +139,7 @@ fn many_cameras_are_told_in_several_parts() {
     assert!(parts.iter().all(|part| part.len() <= ROSTER));
     assert!(parts.concat().into_iter().eq(1000..LAST));
 
-    // One more while they are told: all again, for nobody knows which came before.
+    // One more while they are told: all again, for it is not known which came before.
     hello(&mut role, 5000, 9, MemberKind::Target);
     assert_eq!(sent(&mut role, 5000).len(), 1);
     hello(&mut role, 5000, LAST, CAMERA);
@@ -199,7 +199,7 @@ fn the_first_two_cameras_that_see_a_target_are_the_references() {
     };
     let saved = Output::Save(Fact::References(Some(references)));
     assert_eq!(outputs(&mut role, 43), [saved, told(5)]);
-    // The second one tells the first at once what it saw.
+    // The second one tells the first its sightings at once.
     assert_eq!(role.next_deadline(), Some(at(43) + FIRST_KNOWS));
     assert_eq!(outputs(&mut role, 44), [told(6)]);
 }
@@ -215,7 +215,7 @@ fn a_camera_that_was_sent_away_is_no_reference() {
     let _ = outputs(&mut role, 42);
     trigger(&mut role, 43, 5, 1);
     assert_eq!(sent(&mut role, 43), []);
-    // Once it is one, nobody is.
+    // Once it is one, no other camera is.
     trigger(&mut role, 44, 6, 1);
     assert_eq!([44, 45].map(|now| sent(&mut role, now).len()), [1, 1]);
     role.on_event(at(45), CoordinatorEvent::Pc(FromPc::Remove(5)));
@@ -257,7 +257,7 @@ fn with_references(kind: impl Fn(Duty) -> MemberKind) -> CoordinatorRole {
     role
 }
 
-/// From when on this one does not answer: what the PC is told of it until then.
+/// Messages to the PC about the references while this one does not answer.
 fn without(role: &mut CoordinatorRole, absent: u16, mut now: u64) -> Vec<ToPc> {
     let mut lines = Vec::new();
     for _ in 0..4 {
@@ -279,7 +279,7 @@ fn without(role: &mut CoordinatorRole, absent: u16, mut now: u64) -> Vec<ToPc> {
     lines
 }
 
-/// Until somebody has a pose: the other one and a third camera take over.
+/// Until a camera has a pose: the other one and a third camera take over.
 #[test]
 fn an_elected_reference_that_is_gone_is_replaced() {
     for absent in [4, 5] {
@@ -321,7 +321,7 @@ fn an_elected_reference_whose_camera_fails_is_replaced() {
     }
 }
 
-/// Nobody takes its place: people are told, and told when it is back.
+/// No camera takes its place: people are told, and told when it is back.
 #[test]
 fn a_configured_reference_that_is_gone_is_told_to_people() {
     let mut role = with_references(|duty| MemberKind::Camera {
@@ -340,7 +340,7 @@ fn a_configured_reference_that_is_gone_is_told_to_people() {
     assert!(told(&mut role, 300).contains(&reference(true)));
 }
 
-/// Whoever has a pose does not need them any more.
+/// A camera that has a pose does not need them any more.
 #[test]
 fn with_a_pose_nobody_asks_whether_the_references_are_there() {
     let mut role = with_references(|_| CAMERA);
@@ -412,7 +412,7 @@ fn a_pc_that_asks_is_told_everything() {
     assert_eq!(self::told(&mut role, 43), [ToPc::Done { address: 4, done }]);
 }
 
-/// A coordinator does not know whom it had told before it lost its power.
+/// A coordinator does not know which cameras it had told before it lost its power.
 #[test]
 fn references_of_a_former_run_are_told_to_cameras_that_say_hello() {
     let references = References {
@@ -431,7 +431,7 @@ fn references_of_a_former_run_are_told_to_cameras_that_say_hello() {
         let expected = written.map(Message::References).into_iter();
         let expected = expected.flat_map(|message| [4, 6].map(|to| (to, message.clone())));
         assert!(told.eq(expected));
-        // And nobody else becomes one.
+        // And no other camera becomes one.
         trigger(&mut role, 41, 6, 1);
         trigger(&mut role, 41, 7, 1);
         let told = sent(&mut role, 41);
@@ -471,7 +471,7 @@ fn the_lamp_says_whether_a_camera_is_calibrated() {
     }
 }
 
-/// A target repeats where it stands; the PC is told what is new, and everything when it asks.
+/// A target repeats where it stands; the PC is told news, and everything when it asks.
 #[test]
 fn the_pc_is_told_a_stop_once() {
     let stopped = |frame, x| {

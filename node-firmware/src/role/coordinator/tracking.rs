@@ -21,11 +21,11 @@ const PERIOD: Duration = Duration::from_millis(100);
 /// In microseconds.
 const MILLISECOND: u64 = 1_000;
 
-/// What is tracked, and what the PC knows of it.
+/// Tracked objects, and the PC's knowledge of them.
 #[derive(Clone, Debug)]
 pub(super) struct Tracking {
     tracker: Tracker<f32>,
-    /// Of the objects, if it is known.
+    /// Radius of the objects, if it is known.
     radius: Option<f32>,
     /// Numbers of objects that the PC was told of and that are not gone.
     told: heapless::Vec<u16, OBJECTS>,
@@ -54,7 +54,7 @@ impl Tracking {
         self.radius = radius;
     }
 
-    /// Takes what a camera saw. Only one that is sure of its pose tells where an object is.
+    /// Takes a camera's look. Only a camera that is sure of its pose tells the place of an object.
     pub(super) fn on_tracked(
         &mut self,
         now: Instant,
@@ -87,7 +87,7 @@ impl Tracking {
         }
     }
 
-    /// What the PC is told now, if that is due.
+    /// Message to the PC now, if it is due.
     pub(super) fn take_due(&mut self, now: Instant) -> Option<ToPc> {
         if self.next? > now {
             return None;
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
     use crate::message::{CameraState, Seen};
 
-    /// Cameras, and where they stand and look.
+    /// Cameras with their positions and headings.
     const CAMERAS: [(u16, [f32; 2], f32); 3] = [
         (1, [0.0, 0.0], 0.8),
         (2, [10.0, 0.0], 2.3),
@@ -175,7 +175,7 @@ mod tests {
         }
     }
 
-    /// All that the PC is told while something walks from (4, 4) to the right, and when.
+    /// Messages to the PC while something walks from (4, 4) to the right, and their times.
     fn walk(tracking: &mut Tracking, milliseconds: u64) -> Vec<(u64, ToPc)> {
         let mut told = Vec::new();
         for now in (0..milliseconds).step_by(50) {
@@ -212,7 +212,7 @@ mod tests {
         assert!((x - 4.0 - now as f32 * 5e-4).abs() < 3.0 * sigma, "{x}");
         assert!((y - 4.0).abs() < 3.0 * sigma, "{y}");
         assert!((object.velocity[0] - 0.5).abs() < 0.3 && object.unseen_ms < 200);
-        // Nobody sees it any more.
+        // No camera sees it any more.
         let mut last = Vec::new();
         for now in (4_000..12_000).step_by(50) {
             last.extend(tracking.take_due(at(now)));
@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(tracking.next_due(), None);
     }
 
-    /// Nobody relies on a camera that does not know where it stands, nor on one that says so of itself.
+    /// A camera that does not know its pose, or says so of itself, is not relied on.
     #[test]
     fn who_has_no_sure_pose_tells_nothing() {
         for state in [
@@ -250,7 +250,7 @@ mod tests {
         }
     }
 
-    /// A look counts for when it was, and one that is older than any use for nothing.
+    /// A look counts for its time, and one that is older than any use for nothing.
     #[test]
     fn old_looks_are_none() {
         let mut tracking = Tracking::new();

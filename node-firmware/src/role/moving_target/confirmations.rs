@@ -1,4 +1,4 @@
-//! Whose looks at the present stop came while the target stood there.
+//! Cameras whose looks at the present stop came while the target stood there.
 
 use core::time::Duration;
 
@@ -9,35 +9,36 @@ use crate::message::{CONFIRMED, MemberAddress};
 /// After an answer, before it is confirmed: others answer too.
 const COLLECT: Duration = Duration::from_millis(300);
 
-/// After a confirmation, before nobody is expected to repeat an answer that it does not name: the
-/// slots of all members, and a look that was about to end.
+/// After a confirmation, until no camera is expected to repeat an answer that it does not name: the slots of
+/// all members, and a look that was about to end.
 pub(super) const SETTLE: Duration = Duration::from_millis(600);
 
 #[derive(Clone, Debug)]
 pub(super) struct Confirmations {
     seen_by: heapless::Vec<MemberAddress, CONFIRMED>,
-    /// When to tell, if there is something to tell.
+    /// Time to tell, if there is something to tell.
     due: Option<Instant>,
     told: Option<Instant>,
     /// Those that did not hear that they were named.
     missed: heapless::Vec<MemberAddress, MISSED>,
-    /// For so many stops yet, this one included, messages are taken to get lost: somebody answered
-    /// twice, or had not heard of a stop.
+    /// For so many stops yet, this one included, messages are taken to get lost: a camera answered twice, or
+    /// had not heard of a stop.
     lossy: u8,
     /// That happened at this stop.
     has_lost: bool,
-    /// How often the present stop was confirmed once more because of that.
+    /// Number of further confirmations of the present stop because of that.
     repeats: u8,
 }
 
 /// Stops, after one at which a message was lost.
 const LOSSY: u8 = 4;
 
-/// Cameras that are told alone, one after the other. Of more the first ones: each answers again.
+/// Cameras that are told alone, one after the other. If there are more, the first ones: each answers again.
 const MISSED: usize = 4;
 
-/// Where messages get lost. Whoever did not see the target before is not asked, and hears of a stop by
-/// broadcasts alone: of ten frames with 30 % loss all are lost in 6 of a million cases, of six in 7 of 10,000.
+/// Where messages get lost. A camera that did not see the target before is not asked, and hears of a stop by
+/// broadcasts alone: of ten frames with 30 % loss all are lost in 6 of a million cases, of six in 7 of
+/// 10,000.
 const REPEATS: u8 = 3;
 
 /// Where that was once, and may have been a collision.
@@ -64,13 +65,13 @@ impl Confirmations {
         };
     }
 
-    /// They are to be told at this time, whoever it is.
+    /// The cameras are to be told at this time.
     pub(super) const fn due(&mut self, at: Instant) {
         self.due = Some(at);
     }
 
-    /// A camera saw the target at this stop. Not before `first`, when most have answered. Tells when
-    /// it is confirmed.
+    /// A camera saw the target at this stop. Not before `first`, when most have answered. Returns the time of
+    /// the confirmation.
     pub(super) fn add(&mut self, now: Instant, camera: MemberAddress, first: Instant) -> Instant {
         if self.seen_by.contains(&camera) {
             self.lost();
@@ -96,8 +97,8 @@ impl Confirmations {
         }
     }
 
-    /// A camera that was named answers again, so it has missed that. Alone it is told until it acknowledges;
-    /// unless all are told soon.
+    /// A named camera answers again, so it has missed that. It is told alone until it acknowledges, unless
+    /// all are told soon.
     fn tell_alone(&mut self, camera: MemberAddress) -> bool {
         self.due.is_none() && (self.missed.contains(&camera) || self.missed.push(camera).is_ok())
     }
@@ -110,7 +111,7 @@ impl Confirmations {
         }
     }
 
-    /// A message was lost. Whether it is the first at this stop.
+    /// A message was lost. Returns true if it is the first at this stop.
     fn lost(&mut self) -> bool {
         let is_first = !core::mem::replace(&mut self.has_lost, true);
         if is_first {
@@ -126,7 +127,7 @@ impl Confirmations {
         at
     }
 
-    /// Whom to tell now, and of which cameras.
+    /// The receiver now, and the cameras to name.
     pub(super) fn take_due(
         &mut self,
         now: Instant,
@@ -140,7 +141,7 @@ impl Confirmations {
         }
         self.due.take_if(|due| *due <= now)?;
         self.told = Some(now);
-        // Who has missed the stop and this has missed all that tells it to look.
+        // A camera that missed the stop and this message has missed all that tells it to look.
         let repeats = match self.lossy {
             0 => 0,
             1..=LOSSY => FEW_REPEATS,
@@ -161,7 +162,7 @@ impl Confirmations {
         }
     }
 
-    /// When whoever saw the target knows that it counts, as far as it is known now; not before `first`.
+    /// Time when all cameras that saw the target know that it counts, as known now; not before `first`.
     pub(super) fn settled_at(&self, first: Instant) -> Instant {
         let last = self.due.or(self.told).unwrap_or(first);
         last.max(first) + SETTLE

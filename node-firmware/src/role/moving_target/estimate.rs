@@ -1,9 +1,9 @@
-//! Everything that was measured, estimated together: the stops of this target, the cameras that saw it
-//! there, and its own step sensor.
+//! Joint estimate of all measurements: the stops of this target, the cameras that saw it there, and its own
+//! step sensor.
 //!
-//! The target is where all of it comes together: it measures the ways from stop to stop, and every
-//! camera that sees it answers with a bearing. What the [estimator](calib_core::joint) makes of it
-//! corrects the target's place and its steps, and is told to the cameras.
+//! All of it comes together at the target: it measures the ways from stop to stop, and every camera that sees
+//! it answers with a bearing. The result of the [estimator](calib_core::joint) corrects the target's place
+//! and its steps, and is told to the cameras.
 
 use calib_core::{
     Pose, Refusal, Status, angle,
@@ -31,7 +31,7 @@ use super::{
     table::{CameraEntry, Table},
 };
 
-/// Cameras that take part. What more there are finds its pose from its own sightings.
+/// Cameras that take part. Further ones find their poses from their own sightings.
 pub const CAMERAS: usize = 24;
 /// Numbers that they are solved with.
 pub const WORKSPACE: usize = Capacity {
@@ -42,15 +42,15 @@ pub const WORKSPACE: usize = Capacity {
 }
 .workspace_with_lenses();
 
-/// What is done after each stop: what contradicts is left out, so much at most at a time; what the legs
-/// are worth is estimated, and what one wrong measurement could do.
+/// Work after each stop: contradictions are left out, so many at most at a time; the legs' noise and the
+/// possible effect of one wrong measurement are estimated.
 const ROUND: Round = Round {
     findings: 4,
     leg_noise: true,
     protection: true,
 };
 
-/// Sigma of a direction, radians, of which nothing is known but what the bearings tell.
+/// Sigma of a direction, radians, of which only the bearings tell anything.
 const VAGUE: f32 = 0.5;
 
 /// Share of a baseline of which little is known.
@@ -73,7 +73,7 @@ const NOISE: f32 = 3.09;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
-/// Where a target keeps what was measured, and what it estimates from it.
+/// Memory for a target's measurements and estimates.
 #[derive(Debug)]
 pub struct EstimateMemory<'m> {
     /// Cameras, references included.
@@ -84,11 +84,11 @@ pub struct EstimateMemory<'m> {
     pub bearings: &'m mut [BearingStorage<f32>; WALK_BEARINGS],
     /// Numbers.
     pub workspace: &'m mut [f32; WORKSPACE],
-    /// What cameras were told of themselves.
+    /// Reports that cameras were told of themselves.
     pub told: &'m mut [Option<Report>; CAMERAS],
 }
 
-/// Where the target is, and what its steps are worth.
+/// Place of the target, and the estimate of its steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Estimated {
     pub(super) stop: StopNumber,
@@ -96,7 +96,7 @@ pub(super) struct Estimated {
     pub(super) covariance: Matrix2<f32>,
     /// Direction of the x axis of the step sensor in the frame of the site, and its sigma.
     pub(super) frame_heading: (f32, f32),
-    /// What the step sensor reads over the true length, and its sigma.
+    /// Ratio of the step sensor's reading to the true length, and its sigma.
     pub(super) scale: (f32, f32),
 }
 
@@ -108,13 +108,13 @@ struct Camera {
     is_successor: bool,
 }
 
-/// How what the cameras hold for their poses agrees with what is estimated.
+/// Agreement of the poses that the cameras hold with the estimate.
 #[derive(Clone, Copy, Debug, Default)]
 struct Votes {
     agree: usize,
     /// A bit for each camera that holds another pose.
     against: u32,
-    /// The one that is farthest off, and by how much: chi squared.
+    /// The one that is farthest off, and its distance: chi squared.
     worst: Option<(usize, f32)>,
 }
 
@@ -125,17 +125,17 @@ impl Votes {
     }
 }
 
-/// Measurements, and what they give together.
+/// Measurements, and their joint result.
 #[derive(Debug)]
 pub(super) struct Estimate<'m> {
     pub(super) estimator: JointEstimator<'m, f32>,
     /// Cameras by their number in the estimator. One that was moved has two.
     cameras: heapless::Vec<Camera, CAMERAS>,
-    /// What each was told, or is to be told.
+    /// Report that each was told, or is to be told.
     told: &'m mut [Option<Report>; CAMERAS],
     /// To be told: a bit for each camera.
     news: u32,
-    /// To be told again after the next solve, whatever it says.
+    /// To be told again after the next solve, whatever its result.
     again: u32,
     /// Bearings before this one are written down, or are to be.
     pub(super) saved: usize,
@@ -144,11 +144,11 @@ pub(super) struct Estimate<'m> {
     /// The way since the last stop, as the sensor read it.
     pub(super) way: Option<(Vector2<f32>, Matrix2<f32>)>,
     frame: Option<Frame>,
-    /// What a target that came from another network brought along.
+    /// State that a target brought along from another network.
     arrival: Option<Arrival>,
-    /// This camera does not stand where the frame needs it.
+    /// This camera stands at another place than the frame needs.
     rejected: Option<MemberAddress>,
-    /// Between these cameras no frame is to be had from what was seen so far.
+    /// Between these cameras the sightings so far give no frame.
     pub(super) failed: heapless::Vec<[MemberAddress; 2], FAILED>,
     /// Direction of the sensor's x axis in the frame of the site before anything is estimated, and
     /// its sigma.
@@ -196,12 +196,12 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// From now on nobody knows how the target came to its next stop.
+    /// From now on the target's way to its next stop is not known.
     pub(super) const fn lose_way(&mut self) {
         self.way = None;
     }
 
-    /// A camera saw the target at a stop. `radius` is that of the ball, 0 if nobody knows it.
+    /// A camera saw the target at a stop. `radius` is that of the ball, 0 if it is not known.
     pub(super) fn on_seen(
         &mut self,
         camera: MemberAddress,
@@ -214,7 +214,7 @@ impl<'m> Estimate<'m> {
         if self.index(stop).is_none_or(is_known) {
             return;
         }
-        // Nothing makes room for a camera that finds none.
+        // No measurement makes room for a camera that finds none.
         let Some(camera) = self.number(camera) else {
             return;
         };
@@ -242,7 +242,7 @@ impl<'m> Estimate<'m> {
         Some(self.cameras.get(camera)?.address)
     }
 
-    /// Whether it is known how the target came to where it is from its last stop.
+    /// Returns true if the way of the target from its last stop is known.
     pub(super) const fn knows_way(&self) -> bool {
         self.way.is_some()
     }
@@ -265,8 +265,8 @@ impl<'m> Estimate<'m> {
         Some(self.cameras.len() - 1)
     }
 
-    /// The direction of the sensor is known to this, before anything is estimated. One that bearings
-    /// told is worth nothing beside them.
+    /// The direction of the sensor is known to this, before anything is estimated. A direction from bearings
+    /// is worth nothing beside them.
     pub(super) const fn on_sensor(&mut self, heading: f32, sigma: f32) {
         if self.frame.is_none() {
             let sigma = if sigma > 0.0 { VAGUE } else { sigma };
@@ -274,8 +274,8 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// It came from another network and stands here, at a stop of which it knows the place. Until there is a
-    /// frame the newest of these serves that somebody saw.
+    /// It came from another network and stands here, at a stop whose place it knows. Until there is a frame
+    /// the newest of these serves at which a camera saw it.
     pub(super) fn arrive(&mut self, arrival: Arrival) {
         let is_seen = self.arrival.is_some_and(|before| {
             let index = self.index(before.stop);
@@ -287,7 +287,7 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// A camera told how far it is. One that forgot, or doubts, what it was told is told again.
+    /// A camera told its status. One that forgot, or doubts, its report is told again.
     pub(super) fn on_report(&mut self, address: MemberAddress, report: &Report) {
         let is_it = |camera: &Camera| camera.address == address && !camera.is_successor;
         let Some(camera) = self.cameras.iter().position(is_it) else {
@@ -296,7 +296,7 @@ impl<'m> Estimate<'m> {
         let holds_it = report.joint.is_some() && report.status() != Status::Doubtful;
         let told = self.told.get(camera).copied().flatten();
         if told.is_some_and(|told| told.status() != Status::Doubtful) && !holds_it {
-            // Once there is another stop: what contradicts it may show there.
+            // Once there is another stop: a contradiction may show there.
             self.again |= 1 << camera;
             if report.joint.is_none() {
                 self.news |= 1 << camera;
@@ -304,7 +304,7 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// Whether nobody holds the frame, or cameras that do not serve.
+    /// Returns true if no camera holds the frame, or cameras that do not serve.
     fn wants_frame(&self) -> bool {
         let Some(frame) = &self.frame else {
             return true;
@@ -368,7 +368,7 @@ impl<'m> Estimate<'m> {
         }
         let wants_frame = self.wants_frame();
         if !wants_frame {
-            // The places of references were given: there is no better frame than theirs.
+            // The places of references were given: no frame is better than theirs.
             let is_poor = self.frame.is_some_and(|frame| !frame.is_given());
             let is_better = |pair: &[(MemberAddress, Pose<f32>); 2]| {
                 let frame = Frame::between(*pair, None);
@@ -450,7 +450,7 @@ impl<'m> Estimate<'m> {
         self.is_new = true;
     }
 
-    /// What is known of the carrier's scale and compass in a frame before anything is estimated.
+    /// Prior of the carrier's scale and compass in a frame before anything is estimated.
     fn priors(&self, frame: &Frame, config: &TargetConfig) -> Option<(Prior<f32>, Prior<f32>)> {
         if let Some(arrival) = &self.arrival {
             // They tell where the frame is, and not the other way round.
@@ -467,7 +467,7 @@ impl<'m> Estimate<'m> {
         ))
     }
 
-    /// Begins to estimate everything anew, if there is something new: whether that is so.
+    /// Begins to estimate everything anew, if there is something new: returns true if that is so.
     pub(super) fn begin(&mut self) -> bool {
         let begins = !self.wants_frame() && core::mem::take(&mut self.is_new);
         if begins {
@@ -476,7 +476,7 @@ impl<'m> Estimate<'m> {
         begins
     }
 
-    /// Some of the work. `None`: there is more. Else what came of it, if anything did.
+    /// Some of the work. `None`: there is more. Else its result, if there is one.
     // for less stack
     #[inline(never)]
     pub(super) fn step(&mut self, table: &Table) -> Option<Option<Estimated>> {
@@ -504,8 +504,8 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// What both references saw contradicts itself, though both knew their poses: nobody knows which of them
-    /// was moved.
+    /// The sightings of both references contradict each other, though both knew their poses: it is not known
+    /// which of them was moved.
     fn doubt(&mut self, frame: &Frame, table: &Table) {
         if !frame.is_given() || self.common_stops(&frame.references) <= FRAME_STOPS {
             return;
@@ -553,7 +553,7 @@ impl<'m> Estimate<'m> {
         self.is_new |= into.is_some_and(|into| self.estimator.split(camera, from, into).is_ok());
     }
 
-    /// Where the target is, and what cameras are to be told.
+    /// Place of the target, and the reports for cameras.
     // for less stack
     #[inline(never)]
     fn answers(&mut self, solution: &JointSolution<f32>, table: &Table) -> Option<Estimated> {
@@ -600,7 +600,7 @@ impl<'m> Estimate<'m> {
                 {
                     report.state = CameraState::Doubtful(pose);
                 } else {
-                    // What contradicts most cameras replaces no pose.
+                    // A pose that contradicts most cameras replaces no pose.
                     continue;
                 }
             }
@@ -617,7 +617,7 @@ impl<'m> Estimate<'m> {
         }
         let sigmas = carrier.covariance * inflation;
         let (frame_heading, scale) = match &self.arrival {
-            // Nothing here tells better than what it brought along.
+            // Nothing here tells better than the state that it brought along.
             Some(arrival) => {
                 let Systematic {
                     heading_sigma,
@@ -644,7 +644,7 @@ impl<'m> Estimate<'m> {
         })
     }
 
-    /// Whether what cameras hold for their poses agrees with what is estimated.
+    /// Agreement of the poses that cameras hold with the estimate.
     // for less stack
     #[inline(never)]
     fn votes(&mut self, frame: &Frame, solution: &JointSolution<f32>, table: &Table) -> Votes {
@@ -653,7 +653,7 @@ impl<'m> Estimate<'m> {
             let Some(of) = self.cameras.get(camera).copied() else {
                 break;
             };
-            // Of one that was moved it is known.
+            // A moved one is known to disagree.
             if of.is_successor || self.estimator.moved(camera).is_some() {
                 continue;
             }
@@ -680,8 +680,8 @@ impl<'m> Estimate<'m> {
         votes
     }
 
-    /// What a camera is to be told. One that was moved is where it is now; before anybody knows where
-    /// that is, its pose of before is doubtful.
+    /// Report for a camera. A moved camera is at its new place; before that place is known, its former pose
+    /// is doubtful.
     // for less stack
     #[inline(never)]
     fn report(
@@ -716,11 +716,11 @@ impl<'m> Estimate<'m> {
             ..pose
         }));
         let [came, count] = self.estimator.bearings_of(camera);
-        // Whom most of what it saw contradicts is not believed; nor is one that was moved.
+        // A camera that most of its own sightings contradict is not believed; nor is a moved one.
         let is_outvoted = 2 * count <= came;
         let is_doubtful =
             is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
-        // The camera itself knows what is good enough.
+        // The camera itself knows which pose is good enough.
         let state = if solution.fit.is_bad() || is_doubtful {
             CameraState::Doubtful(parts)
         } else {
@@ -749,13 +749,13 @@ impl<'m> Estimate<'m> {
         cameras.filter_map(move |(n, camera)| (news & (1 << n) != 0).then_some(camera.address))
     }
 
-    /// What these cameras are to be told.
+    /// Reports for these cameras.
     pub(super) fn reports(&self) -> impl Iterator<Item = (MemberAddress, &Report)> {
         let told = self.cameras.iter().zip(&*self.told);
         told.filter_map(|(camera, report)| Some((camera.address, report.as_ref()?)))
     }
 
-    /// Forgets what was measured among other cameras.
+    /// Forgets the measurements among other cameras.
     pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
         self.arrival = None;
         self.forget_records(unsaved);
@@ -772,7 +772,7 @@ impl<'m> Estimate<'m> {
     }
 }
 
-/// The pose that a camera holds, as far as this target knows, if all that was measured gave it.
+/// The pose that a camera holds, as far as this target knows, if it was the result of all measurements.
 fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
     let entry = table.iter().find(|entry| entry.address == address)?;
     let report = entry.report.filter(|report| report.joint.is_some())?;

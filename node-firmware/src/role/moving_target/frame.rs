@@ -1,4 +1,4 @@
-//! Between which two cameras everything is estimated, and where these are in the frame of the site.
+//! The two cameras between which everything is estimated, and their places in the frame of the site.
 
 use calib_core::{
     Pose, angle,
@@ -18,15 +18,15 @@ const BASELINE_SHARE: f32 = 0.05;
 /// It was given, not measured, if it is known to this share.
 const EXACT_SHARE: f32 = 1e-3;
 
-/// What a target brings along from another network: where it stood at a first stop here, which way is
-/// ahead, and what its steps are worth.
+/// State that a target brings along from another network: its place at a first stop here, the direction of
+/// its steps, and their scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Arrival {
     pub(super) stop: StopNumber,
     place: Place<f32>,
     /// Direction of the step sensor's x axis in the frame of the site, radians.
     pub(super) heading: f32,
-    /// What the sensor reads over the true length.
+    /// Ratio of the sensor's reading to the true length.
     pub(super) scale: f32,
 }
 
@@ -49,7 +49,7 @@ impl Arrival {
         self.place.parts().systematic
     }
 
-    /// Covariance of what all places reckoned from its last fix err by, at one of them.
+    /// Covariance of the common error of all places reckoned from its last fix, at one of them.
     fn covariance(&self, at: Point2<f32>) -> Matrix2<f32> {
         let parts = self.place.parts();
         let [xx, xy, yy] = parts.fix_covariance;
@@ -59,7 +59,7 @@ impl Arrival {
     }
 }
 
-/// Where the frame of the estimator is in that of the site. Its unit is the baseline as it is said to be.
+/// Place of the frame of the estimator in that of the site. Its unit is the baseline as it is said to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frame {
     pub(super) references: [MemberAddress; 2],
@@ -74,12 +74,12 @@ pub(super) struct Frame {
     survey: SurveySigma,
 }
 
-/// What the way into the frame of the site errs by.
+/// Errors of the way into the frame of the site.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Errors {
     /// Two cameras stand where they believe to within these, each by itself. Zero if that was given.
     References([f32; 2]),
-    /// A target told where one stop is, which way is ahead, and how long its steps are.
+    /// A target told the place of one stop, the direction of its steps, and their length.
     Arrival {
         /// That stop, in the frame of the site.
         stop: Point2<f32>,
@@ -91,8 +91,8 @@ enum Errors {
 }
 
 impl Frame {
-    /// `None` where the distance of both is hardly known: then it would be one of the unknowns. What both err by
-    /// because the target did when it came does not count.
+    /// `None` where the distance of both is hardly known: then it would be one of the unknowns. Their common
+    /// error from the arrival of the target does not count.
     pub(super) fn between(
         references: [(MemberAddress, Pose<f32>); 2],
         arrival: Option<&Arrival>,
@@ -129,7 +129,7 @@ impl Frame {
     }
 
     /// The same cameras, and the frame of the site where the target says that it is: at its stop of arrival
-    /// it was there, and its steps lead where and as far as they did before.
+    /// it was there, and its steps lead in the same direction and as far as they did before.
     pub(super) fn arrived(
         self,
         arrival: &Arrival,
@@ -167,7 +167,7 @@ impl Frame {
         }
     }
 
-    /// The sum of what both references err by, over their distance.
+    /// The sum of the errors of both references, over their distance.
     pub(super) fn share(&self) -> f32 {
         match self.errors {
             Errors::References([a, b]) => (a + b) / self.baseline,
@@ -175,12 +175,12 @@ impl Frame {
         }
     }
 
-    /// Whether the places of both were given: there is no better frame.
+    /// Returns true if the places of both were given: no frame is better.
     pub(super) fn is_given(&self) -> bool {
         self.errors == Errors::References([0.0; 2])
     }
 
-    /// Whether the distance of both was given.
+    /// Returns true if the distance of both was given.
     pub(super) fn is_exact(&self) -> bool {
         self.share() <= EXACT_SHARE
     }
@@ -190,7 +190,7 @@ impl Frame {
         self.origin + self.turn() * position.coords * self.stretch
     }
 
-    /// A covariance of this frame in that of the site, with what the frame errs by there.
+    /// A covariance of this frame in that of the site, with the error of the frame there.
     pub(super) fn place_covariance(
         &self,
         position: Point2<f32>,
@@ -200,7 +200,7 @@ impl Frame {
         own + self.covariance(position)
     }
 
-    /// A pose in the frame of the site, with what the frame errs by.
+    /// A pose in the frame of the site, with the error of the frame.
     pub(super) fn in_site(&self, pose: &Pose<f32>) -> Pose<f32> {
         let place = self.covariance(pose.position);
         let k = self.stretch;
@@ -226,7 +226,7 @@ impl Frame {
         pose
     }
 
-    /// What the frame errs by at one of its places: covariance in the frame of the site. To first order, with the
+    /// Error of the frame at one of its places: covariance in the frame of the site. To first order, with the
     /// baseline as the complex unit, a place `s` moves by `(1 - s) da + s db` with the references.
     pub(super) fn covariance(&self, position: Point2<f32>) -> Matrix2<f32> {
         match &self.errors {

@@ -1,15 +1,14 @@
 //! A target: it walks, stands, and tells cameras where (thesis 2.3, Appendix B).
 //!
-//! Steps move it. When none came for a while it stands, and says so to everybody. Cameras answer;
-//! those of the roster that did not are asked one by one, but for those that did not see it at the stop
-//! before. It confirms whose answers came while it stood there: only those count. When all have
-//! answered or cannot be reached it shows that its carrier may walk on. Nothing but the carrier makes
-//! it walk.
+//! Steps move it. When none came for a while it stands, and says so to all. Cameras answer. It asks those of
+//! the roster that did not answer one by one, but not those that did not see it at the stop before. It
+//! confirms the answers that came while it stood there: only those count. When all have answered or cannot be
+//! reached it shows that its carrier may walk on. Nothing but the carrier makes it walk.
 //!
-//! Where nobody saw it at a stop, and it [roams](TargetConfig::roams), it looks for another network of the
-//! site before it walks on. In that one it goes on from where it is: it keeps its place, its direction
-//! and what its steps are worth, so the cameras there calibrate in the same frame. It lets go of the
-//! cameras of the network it left, and of what they measured.
+//! Where no camera saw it at a stop, and it [roams](TargetConfig::roams), it looks for another network of the
+//! site before it walks on. In that one it goes on from where it is: it keeps its place, its direction and
+//! the scale of its steps, so the cameras there calibrate in the same frame. It drops the cameras of the
+//! network it left, and their measurements.
 //!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
@@ -72,7 +71,7 @@ const ROAM_WITHIN: Duration = Duration::from_secs(1);
 /// Between two slices of the estimate: others have to be heard.
 const BREATH: Duration = Duration::from_millis(1);
 
-/// Stops that the first reference camera may still tell the place of.
+/// Stops whose place the first reference camera may still tell.
 const STOOD: usize = 4;
 
 /// A message of which a target must know whether it was delivered.
@@ -85,11 +84,11 @@ pub enum TargetNotification {
     Ask(MemberAddress, StopNumber),
     /// It tells a camera its pose.
     Posed(MemberAddress),
-    /// It tells the coordinator what is the matter with it.
+    /// It tells the coordinator its health.
     Health,
 }
 
-/// Of all these there is one, but for poses. Whom to ask is in the table.
+/// There is one of each of these, but for poses. The table knows the cameras to ask.
 const NOTIFICATIONS: usize = 2 + estimate::CAMERAS;
 
 impl Notification for TargetNotification {
@@ -101,7 +100,7 @@ impl Notification for TargetNotification {
     }
 }
 
-/// What a target wants of its node.
+/// Task for the target's node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetTask {
@@ -109,13 +108,13 @@ pub enum TargetTask {
     Roam,
 }
 
-/// What the devices of a target tell.
+/// Events of the devices of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetEvent {
     /// Its carrier made a step.
     Step(Step<f32>),
-    /// The step sensor failed: from now on nobody knows where the target is.
+    /// The step sensor failed: from now on the place of the target is not known.
     SensorFailed,
 }
 
@@ -128,7 +127,7 @@ pub struct TargetRole<'m> {
     last_network: LastNetwork,
     track: Track<f32>,
     located: bool,
-    /// No step came since the sensor failed: wherever it may be found, it may be elsewhere then.
+    /// No step came since the sensor failed: even if the target is found, it may be elsewhere by then.
     sensor_failed: bool,
     /// Direction of the sensor's x axis in the frame of the site, and its sigma.
     frame_heading: Option<(f32, f32)>,
@@ -147,16 +146,16 @@ pub struct TargetRole<'m> {
     /// When to find its place from them.
     locate_at: Option<Instant>,
     table: Table,
-    /// Who saw it at this stop.
+    /// Cameras that saw it at this stop.
     confirmations: Confirmations,
-    /// The coordinator told which cameras there are, since the start.
+    /// The coordinator told the cameras, since the start.
     knows_cameras: bool,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
     notifications: Notifications<TargetNotification, NOTIFICATIONS>,
     /// All that was measured, if there is memory for it.
     estimate: Option<Estimate<'m>>,
-    /// What the step sensor reads over the true length, as far as it was estimated. Above zero.
+    /// Ratio of the step sensor's reading to the true length, as far as it was estimated. Above zero.
     scale: f32,
     /// The stop is over: there is time to estimate, from then on.
     estimate_at: Option<Instant>,
@@ -180,7 +179,7 @@ enum State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Standing {
     since: Instant,
-    /// Everybody was told of the stop.
+    /// All were told of the stop.
     announced: bool,
     /// Nothing before this.
     ask_at: Instant,
@@ -193,7 +192,7 @@ impl<'m> TargetRole<'m> {
     /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
     /// memory must not use the numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
-        // Random as well: what cameras keep of a former walk must not look like one of this.
+        // Random as well: the cameras' records of a former walk must not look like one of this.
         let track = nowhere(&config).numbered(first_stop.into());
         Self {
             id,
@@ -228,15 +227,15 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// From now on it estimates everything that was measured together, in this memory. Without, it
-    /// reckons, and cameras are on their own.
+    /// From now on it estimates all measurements together, in this memory. Without, it reckons, and cameras
+    /// are on their own.
     // for less stack
     #[inline(never)]
     pub fn estimate_in(&mut self, memory: EstimateMemory<'m>) {
         self.estimate = Estimate::new(memory);
     }
 
-    /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
+    /// The cameras it knows, with their reports: the table of Appendix B.
     pub fn cameras(&self) -> impl Iterator<Item = CameraEntry> {
         self.table.iter()
     }
@@ -301,7 +300,7 @@ impl<'m> TargetRole<'m> {
         }
         let place = walk.place;
         if !walk.standing {
-            // It walked, and nobody counted the steps since.
+            // It walked, and the steps since were not counted.
             let fix = place.parts().fix.wrapping_add(1);
             self.track = nowhere(&self.config).numbered(fix);
             self.at_stop = self.track;
@@ -340,7 +339,7 @@ impl<'m> TargetRole<'m> {
         None
     }
 
-    /// How it walks, if its place can be told.
+    /// Its walk, if its place can be told.
     fn walk(&self) -> Option<Walk> {
         let (heading, sigma) = self.frame_heading.unzip();
         Some(Walk {
@@ -454,7 +453,7 @@ impl<'m> TargetRole<'m> {
         self.on_seen(from, look);
     }
 
-    /// Presents itself, and tells what is the matter with it if anything is.
+    /// Presents itself, and tells its health if anything is wrong.
     fn present(&mut self, now: Instant) {
         self.notifications.notify(TargetNotification::Hello, now);
         if self.health != Health::default() {
@@ -462,7 +461,7 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// A message that has to be told, as it is known now, and to whom.
+    /// A message that has to be told, as it is known now, and its receiver.
     fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
             TargetNotification::Hello => {
@@ -491,7 +490,7 @@ impl<'m> TargetRole<'m> {
         if !standing.announced {
             standing.announced = true;
             standing.ask_at = now + ASK_AFTER;
-            // Also if nobody is heard: who did not hear of the stop hears of it then.
+            // Also if no camera is heard: a camera that did not hear of the stop hears of it then.
             self.confirmations.due(standing.ask_at);
             return Some(Output::Send {
                 to: ShortAddress::BROADCAST,
@@ -499,7 +498,7 @@ impl<'m> TargetRole<'m> {
                 notification: None,
             });
         }
-        // The carrier may have left already: nobody must look now.
+        // The carrier may have left already: no camera must look now.
         if now < standing.ask_at || standing.may_walk {
             return None;
         }
@@ -507,7 +506,7 @@ impl<'m> TargetRole<'m> {
         let waited = now.since(standing.since);
         let most = Duration::from_millis(self.config.dwell_most_ms.into());
         if waited.saturating_add(ANSWER_WITHIN) >= most {
-            // Whoever is asked now would not have the time to look.
+            // A camera that is asked now would not have the time to look.
             self.table.close();
         }
         if let Some(address) = self.table.ask(ASKED_AT_A_TIME) {
@@ -523,7 +522,7 @@ impl<'m> TargetRole<'m> {
             && self.confirmations.settled_at(standing.ask_at) <= now
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
         if is_done && self.config.roams && !self.seen && !self.has_roamed {
-            // Whoever sees it may be in another network.
+            // A camera that sees it may be in another network.
             self.has_roamed = true;
             standing.ask_at = now + ROAM_WITHIN;
             return Some(Output::Task(TargetTask::Roam));
@@ -532,7 +531,7 @@ impl<'m> TargetRole<'m> {
             standing.may_walk = true;
             self.estimate_at = Some(now + BREATH);
             self.save_history();
-            // Written down before the lamp goes on: after a restart nobody knows whether it left.
+            // Written down before the lamp goes on: after a restart it is not known whether it left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
         }
@@ -540,7 +539,7 @@ impl<'m> TargetRole<'m> {
     }
 }
 
-/// Whether a number can be what a length is multiplied with.
+/// Returns true if a number can be the factor of a length.
 fn is_length(number: f32) -> bool {
     number.is_finite() && number > 0.0
 }
@@ -600,7 +599,7 @@ impl Role for TargetRole<'_> {
             // From now on: it may have stood for long.
             State::Walking { last: None } => {
                 self.state = State::Walking { last: Some(now) };
-                // What was measured before a restart may not have been told.
+                // Measurements from before a restart may not have been told.
                 let is_new = self
                     .estimate
                     .as_ref()
@@ -616,7 +615,7 @@ impl Role for TargetRole<'_> {
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
             Message::Look(look) if look.stop == self.stop => self.on_look(now, from, look),
-            // It stood there; whoever answers now may have looked when it did no more.
+            // It stood there; a camera that answers now may have looked when it did no more.
             Message::Look(_) => {}
             Message::Report(report) => {
                 self.table.report(from.0, *report, &mut self.unsaved);
@@ -626,7 +625,7 @@ impl Role for TargetRole<'_> {
                 }
                 self.find_references();
             }
-            // Nobody else has solved anything.
+            // No other node has solved anything.
             Message::Located(located) if self.table.may_be_first(from.0) => {
                 self.on_located(now, located);
             }

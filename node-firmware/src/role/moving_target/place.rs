@@ -1,4 +1,4 @@
-//! Where a target is: steps, fixes, and what is lost.
+//! Place of a target: steps, fixes, and losses.
 
 use core::time::Duration;
 
@@ -31,7 +31,7 @@ const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 const HEADING_LIMIT: f32 = 0.1;
 
 impl TargetRole<'_> {
-    /// Where it stands; none where it walked so far that nobody would believe it.
+    /// Its place; none where it walked so far that the place is unbelievable.
     pub(super) fn place(&self) -> Option<Place<f32>> {
         self.track.place(self.config.standing_sigma).ok()
     }
@@ -84,7 +84,7 @@ impl TargetRole<'_> {
         }
     }
 
-    /// The target was found where its track was so. It may have walked on since.
+    /// The target was found at this point of its track. It may have walked on since.
     fn fix(
         &mut self,
         now: Instant,
@@ -157,14 +157,14 @@ impl TargetRole<'_> {
         }
     }
 
-    /// Tells the estimate between which cameras the frame is, once both know their poses.
+    /// Tells the estimate the cameras of the frame, once both know their poses.
     pub(super) fn find_references(&mut self) {
         if let Some(estimate) = &mut self.estimate {
             estimate.find_frame(&self.table, &self.config);
         }
     }
 
-    /// Does some of the work of estimating everything. When that is done, tells whom it concerns.
+    /// Does some of the work of estimating everything. When that is done, tells the cameras that it concerns.
     // for less stack
     #[inline(never)]
     pub(super) fn estimate(&mut self, now: Instant) {
@@ -202,7 +202,7 @@ impl TargetRole<'_> {
         }
     }
 
-    /// A camera has what was estimated of it. After a restart it is known that it held this.
+    /// A camera has its estimated pose. After a restart it is known that it held this.
     pub(super) fn on_told(&mut self, camera: MemberAddress) {
         let reports = self.estimate.iter().flat_map(Estimate::reports);
         let told = { reports }.find_map(|(of, told)| (of == camera).then_some(*told));
@@ -226,11 +226,11 @@ impl TargetRole<'_> {
         }
     }
 
-    /// All that was measured tells where this target is, and what its step sensor is worth.
+    /// All measurements together give the place of this target, and the scale of its step sensor.
     fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
         // It stands elsewhere by now, and tells so: the next round is about that.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
-        // Nor does anybody know where it went since, if its sensor failed or it restarted.
+        // Its way since then is not known either, if its sensor failed or it restarted.
         let knows_way = { self.estimate.as_ref() }.is_some_and(Estimate::knows_way);
         if estimated.stop != self.stop
             || !knows_way
@@ -336,7 +336,8 @@ impl TargetRole<'_> {
             );
             return;
         }
-        // Another pair of places tells a direction anew that a pair told and the next place contradicts.
+        // Another pair of places gives a new direction where the next place contradicts the one of a former
+        // pair.
         let is_told = self.frame_heading.is_some();
         if is_told && !(self.is_heading_provisional && agrees == Some(false)) {
             return;

@@ -1,4 +1,4 @@
-//! What a target knows of the cameras (Appendix B: camera id, x, y, angle), and who has answered.
+//! Knowledge of a target about the cameras (Appendix B: camera id, x, y, angle), and their answers.
 
 use zigbee_link::Instant;
 
@@ -21,7 +21,7 @@ const TRIES: u8 = 3;
 pub struct CameraEntry {
     /// Its address in the network.
     pub address: MemberAddress,
-    /// What it told of itself last.
+    /// The report that it told of itself last.
     pub report: Option<Report>,
     /// Sightings it counted.
     pub counted: u8,
@@ -29,22 +29,22 @@ pub struct CameraEntry {
     pub done: bool,
 }
 
-/// What is known of a camera besides its report.
+/// Knowledge about a camera besides its report.
 #[derive(Clone, Debug, Default)]
 struct Answers {
     counted: u8,
     done: bool,
-    /// The target was not in its view when it answered last. As long as that is so it does not answer
-    /// unasked.
+    /// The target was not in its view when it answered last. As long as that is so it answers only when it is
+    /// asked.
     not_in_view: bool,
     question: Question,
-    /// How often it was asked at this stop.
+    /// Number of questions to it at this stop.
     tries: u8,
     /// Stops since it was reached last.
     away: u8,
 }
 
-/// Where a camera stands with the present stop.
+/// State of the question to a camera at the present stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Question {
     /// It has not answered.
@@ -94,14 +94,14 @@ impl Table {
         self.cameras.of(address);
     }
 
-    /// What was written down in this slot.
+    /// Takes the record of this slot.
     pub(super) fn restore(&mut self, slot: u8, address: MemberAddress, report: Report) {
         if let Some(camera) = self.cameras.restore(slot, address, report) {
             camera.know(&report);
         }
     }
 
-    /// A camera told how far it is.
+    /// A camera told its status.
     pub(super) fn report(&mut self, address: MemberAddress, report: Report, unsaved: &mut Unsaved) {
         if let Some(camera) = self.cameras.report(address, report, unsaved) {
             camera.away = 0;
@@ -109,14 +109,14 @@ impl Table {
         }
     }
 
-    /// Nobody is known any more.
+    /// No camera is known any more.
     pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
         self.cameras.clear(unsaved);
     }
 
-    /// Whether this camera may be the first reference: one that has told of a pose says so with it.
-    /// What it solves it tells before that report, so the last one may be of the time before; or
-    /// nothing but the roster, or an answer to a stop, says that it is there.
+    /// Returns true if this camera may be the first reference: one that has told a pose says so with it. It
+    /// tells its solutions before that report, so the last report may be from before; or only the roster, or
+    /// an answer to a stop, says that it is there.
     pub(super) fn may_be_first(&self, address: MemberAddress) -> bool {
         let mut cameras = self.cameras.iter();
         let camera = cameras.find(|camera| camera.address == address);
@@ -146,8 +146,8 @@ impl Table {
         }
     }
 
-    /// A new stop is told. Where the target does not know its place (`lost`), cameras that are
-    /// done can help, too. Nobody waits for those that did not see it at the stop before.
+    /// A new stop is told. Where the target does not know its place (`lost`), cameras that are done can help,
+    /// too. The target does not wait for those that did not see it at the stop before.
     pub(super) fn new_stop(&mut self, lost: bool) {
         for camera in self.answers() {
             camera.tries = 0;
@@ -183,7 +183,7 @@ impl Table {
         }
     }
 
-    /// Nobody is asked any more at this stop.
+    /// No camera is asked any more at this stop.
     pub(super) fn close(&mut self) {
         for camera in self.answers() {
             if matches!(camera.question, Question::Open | Question::Again(_)) {
@@ -192,7 +192,7 @@ impl Table {
         }
     }
 
-    /// Whom to ask next, if fewer than `at_a_time` are being asked.
+    /// The camera to ask next, if fewer than `at_a_time` are being asked.
     pub(super) fn ask(&mut self, at_a_time: usize) -> Option<MemberAddress> {
         if self.asked_now() >= at_a_time {
             return None;
@@ -219,7 +219,7 @@ impl Table {
         }
     }
 
-    /// Nobody is waited for.
+    /// The target waits for no camera.
     pub(super) fn is_settled(&self) -> bool {
         self.cameras
             .iter()
@@ -237,7 +237,7 @@ impl Table {
             .min()
     }
 
-    /// Whether somebody can be asked now.
+    /// Returns true if a camera can be asked now.
     pub(super) fn can_ask(&self, at_a_time: usize) -> bool {
         self.asked_now() < at_a_time
             && self
@@ -246,7 +246,7 @@ impl Table {
                 .any(|camera| camera.more.question == Question::Open)
     }
 
-    /// How many are being asked.
+    /// Number of cameras that are being asked.
     fn asked_now(&self) -> usize {
         let asked = self.cameras.iter();
         asked

@@ -35,7 +35,7 @@ fn target() -> TargetRole<'static> {
     TargetRole::new(9, config, 7)
 }
 
-/// Ten steps of one unit along the sensor's x axis, which err by nothing of their own.
+/// Ten steps of one unit along the sensor's x axis, which have no error of their own.
 fn walk(target: &mut TargetRole<'_>) {
     let step = Step {
         distance: 1.0,
@@ -59,7 +59,7 @@ fn check(target: &TargetRole<'_>, position: [f32; 2], variances: [f32; 2]) {
     assert!(off.norm() < 1e-3 * expected.norm(), "{covariance}");
 }
 
-/// Of ten units, three percent along the way and two degrees across it.
+/// In ten units, three percent along the way and two degrees across it.
 #[test]
 fn a_walk_is_as_uncertain_as_what_its_sensor_always_does_wrong() {
     let mut target = target();
@@ -101,7 +101,7 @@ fn a_target_that_was_located_walks_on_in_the_frame_of_the_site() {
     let across = 0.25 + 100.0 * (OWN * OWN + FRAME * FRAME) + STANDING * STANDING;
     let along = 0.16 + 100.0 * SCALE * SCALE + STANDING * STANDING;
     check(&target, [3.0, 14.0], [across, along]);
-    // What a second reference camera tells is too late.
+    // A place from a second reference camera comes too late.
     let again = TargetLocation {
         position: [0.0, 0.0],
         ..located
@@ -221,7 +221,7 @@ fn a_camera_that_is_done_is_asked_where_the_target_is_lost() {
     assert!(table.is_settled());
     table.new_stop(true);
     assert_eq!([2, 2].map(|most| table.ask(most)), [Some(1), Some(2)]);
-    // Nobody is asked any more.
+    // No camera is asked any more.
     table.new_stop(true);
     table.close();
     assert!(table.is_settled());
@@ -244,7 +244,7 @@ fn a_target_goes_on_from_where_it_stood() {
         after.restore(&Fact::Walk(walk));
         assert_eq!(after.located, standing);
         assert_eq!(after.frame_heading, before.frame_heading);
-        // Its sigmas are those of steps that are put right.
+        // Its sigmas are those of corrected steps.
         assert_eq!(after.scale, before.scale);
         assert_eq!(after.stop, before.stop);
         let is_there = (after.track.position() - before.track.position()).norm() < 1e-3;
@@ -317,7 +317,7 @@ fn membership() -> Attachment {
     }
 }
 
-/// All that it wants now. What it sends is delivered.
+/// All its outputs now. All that it sends is delivered.
 fn outputs(
     target: &mut TargetRole<'_>,
     now: Instant,
@@ -375,13 +375,13 @@ fn reply(target: &mut TargetRole<'_>, now: Instant, sight: Sight) {
     target.on_message(now, ShortAddress(CAMERA), &look);
 }
 
-/// When it lets its carrier walk on.
+/// Time when it lets its carrier walk on.
 fn may_walk_at(target: &mut TargetRole<'_>, from: Instant) -> Instant {
     let mut now = from;
     loop {
         let told = outputs(target, now);
         if target.indication().may_walk {
-            // Nobody knows after a restart whether it left.
+            // It is not known after a restart whether it left.
             assert!(
                 matches!(
                     told.last(),
@@ -408,7 +408,7 @@ fn step(target: &mut TargetRole<'_>, now: Instant) {
     target.on_event(now, TargetEvent::Step(step));
 }
 
-/// Only a camera that sees it may tell where it is.
+/// Only a camera that sees it may tell its place.
 #[test]
 fn a_target_that_is_lost_waits_to_be_told_where_it_is_if_it_is_seen() {
     for sight in [
@@ -430,7 +430,7 @@ fn a_target_that_is_lost_waits_to_be_told_where_it_is_if_it_is_seen() {
     }
 }
 
-/// To everybody.
+/// To all.
 fn confirmed(
     outputs: &[Output<TargetNotification, TargetTask>],
 ) -> std::vec::Vec<(u16, std::vec::Vec<u16>)> {
@@ -452,8 +452,8 @@ fn confirmed_to(
     confirmed.collect()
 }
 
-/// An answer to another stop, or one that comes when the carrier may have left, says nothing of where
-/// the target stood.
+/// An answer to another stop, or one that comes when the carrier may have left, says nothing about the place
+/// where the target stood.
 #[test]
 fn only_what_was_seen_while_it_stood_there_is_confirmed() {
     let mut target = standing();
@@ -469,7 +469,7 @@ fn only_what_was_seen_while_it_stood_there_is_confirmed() {
     look(&mut target, at(3), 2, stop - 1);
     let told = outputs(&mut target, at(2) + ASK_AFTER);
     assert_eq!(confirmed(&told), [(stop, [CAMERA].to_vec())]);
-    // One that did not get through before.
+    // One that was lost before.
     look(&mut target, at(4), 3, stop);
     let now = target.next_deadline().unwrap();
     assert_eq!(
@@ -482,7 +482,7 @@ fn only_what_was_seen_while_it_stood_there_is_confirmed() {
         confirmed(&outputs(&mut target, now + Duration::from_secs(1))),
         []
     );
-    // Whoever did not hear it is told again, alone and at once, also while it walks.
+    // A camera that did not hear it is told again, alone and at once, also while it walks.
     for is_walking in [false, true] {
         if is_walking {
             step(&mut target, now);
@@ -495,8 +495,8 @@ fn only_what_was_seen_while_it_stood_there_is_confirmed() {
     }
 }
 
-/// An answer that comes again shows that messages get lost: all are told once more. Who is named in what is
-/// told soon is not told alone.
+/// An answer that comes again shows that messages get lost: all are told once more. A camera that is named in
+/// a message due soon is not told alone.
 #[test]
 fn where_messages_get_lost_a_stop_is_confirmed_again() {
     let mut target = standing();
@@ -536,7 +536,7 @@ fn where_messages_get_lost_again_and_again_a_stop_is_confirmed_four_times() {
     }
 }
 
-/// Four are told alone; of five the last one hears it with all others.
+/// Four are told alone; if there are five, the last one hears it with all others.
 #[test]
 fn more_cameras_than_can_be_told_alone_are_told_together() {
     let mut confirmations = Confirmations::new();
@@ -565,7 +565,7 @@ fn more_cameras_than_can_be_told_alone_are_told_together() {
     assert_eq!(confirmations.next_due(), None);
 }
 
-/// Where it walks, nobody counts steps while its power is off.
+/// Where it walks, its steps are not counted while its power is off.
 #[test]
 fn a_target_that_leaves_its_stop_writes_so_once() {
     let mut early = standing();
@@ -690,7 +690,7 @@ fn a_camera_that_hears_the_question_again_is_asked_at_each_stop_again() {
     assert_eq!(table.ask(2), Some(1));
 }
 
-/// Where nobody sees it, it looks once for another network before it lets its carrier walk on.
+/// Where no camera sees it, it looks once for another network before it lets its carrier walk on.
 #[test]
 fn a_target_that_roams_looks_for_another_network_where_nobody_sees_it() {
     let roams = |output: &Output<_, _>| *output == Output::Task(TargetTask::Roam);

@@ -13,7 +13,7 @@ use crate::message::Seen;
 /// The most frames that are judged together.
 pub const FRAMES_MAX: usize = 16;
 
-/// How long a look takes, and how far it is trusted.
+/// Length of a look, and the floor of its sigma.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Patience {
@@ -21,7 +21,7 @@ pub struct Patience {
     pub frames: u8,
     /// Frames after which the look is over in any case.
     pub frames_most: u8,
-    /// Standard deviation of what no frame shows, columns, from 0.
+    /// Standard deviation of errors that no frame shows, columns, from 0.
     pub sigma_floor: f32,
 }
 
@@ -36,7 +36,7 @@ impl Default for Patience {
     }
 }
 
-/// What came of a look.
+/// Result of a look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Look {
@@ -79,7 +79,7 @@ pub struct Judge {
 }
 
 impl Judge {
-    /// Of the frames of this camera, for a target of this shape.
+    /// A judge of the frames of this camera, for a target of this shape.
     pub fn new(camera: Camera<f32>, patience: Patience, shape: Shape) -> Self {
         // At most 65536 columns by construction, and the conversion saturates.
         let columns = (camera.last_column() + 1.0) as u16;
@@ -97,15 +97,15 @@ impl Judge {
         self.taken = 0;
     }
 
-    /// The direction of what is in one frame, which may move, and whether its blob is wider than one object. `None`
-    /// if it is cut off or partly hidden.
+    /// The direction of an object in one frame, which may move, and true if its blob is wider than one
+    /// object. `None` if it is cut off or partly hidden.
     pub fn glance(&self, blob: &Blob) -> Option<(Seen, bool)> {
         let Glance { steady, is_wide } = self.steadiness.glance(blob)?;
         let seen = steady.seen(&self.camera, self.patience.sigma_floor);
         Some((seen, is_wide))
     }
 
-    /// Takes what a frame has. `Some` when the look is over: at the latest after
+    /// Takes the blob of a frame. `Some` when the look is over: at the latest after
     /// [`Patience::frames_most`], or as many as must agree if those are more.
     ///
     /// A target that is not in view or cut off in every one of [`Patience::frames`] frames is
@@ -132,8 +132,8 @@ impl Judge {
 /// Looks once for a subject: begins, takes frames until `judge` is sure, ends.
 ///
 /// # Errors
-/// [`VisionError`] of the camera. One that [wants a start-up](VisionError::wants_start_up) takes 10 s or
-/// more for that: whoever waits for the look is to hear of it before.
+/// [`VisionError`] of the camera. One that [wants a start-up](VisionError::wants_start_up) takes 10 s or more
+/// for that: a target that waits for the look is to hear of it before.
 pub async fn look<C: BlobCamera>(
     camera: &mut C,
     subject: Subject,

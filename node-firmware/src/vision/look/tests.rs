@@ -21,7 +21,7 @@ fn clipped() -> Option<Blob> {
     Blob::from_tracking(&packet, Grid::pixels(0))
 }
 
-/// The look, and after how many frames.
+/// The look, and the number of its frames.
 fn judge(blobs: impl IntoIterator<Item = Option<Blob>>) -> (Look, usize) {
     let mut judge = Judge::new(lens(), Patience::default(), Shape::Any);
     let mut blobs = blobs.into_iter().enumerate();
@@ -143,7 +143,7 @@ fn look_at(
 
 const COLOUR: Subject = Subject::Colour(crate::config::examples::ORANGE);
 
-/// That takes long, and loses a background: whoever wants the look decides.
+/// That takes long, and loses a background: the caller of the look decides.
 #[test]
 fn a_look_does_not_start_the_camera_up() {
     let (result, asked) = look_at(COLOUR, [Ok(at(43)); 5]);

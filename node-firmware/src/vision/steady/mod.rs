@@ -6,23 +6,21 @@
 //! pin-hole's picture its middle of mass and the middle of its box lie further out than its centre.
 //! Two edges also halve the step in which the direction is known: to half a column.
 //!
-//! # Its sigma
-//! The sum of four variances: rounding of both edges to whole columns, `1/12` each, so `1/24` for
-//! their mean (0.204 columns), which a blob that stands still does not average out; the scatter
-//! of the median over the frames, `pi / 2n` times that of one frame; what the shape casts doubt on
-//! (below); and a floor for what no frame shows, such as the lens.
+//! The sum of four variances: rounding of both edges to whole columns, `1/12` each, so `1/24` for their mean
+//! (0.204 columns), which a blob that stands still does not average out; the scatter of the median over the
+//! frames, `pi / 2n` times that of one frame; the doubt by the shape (below); and a floor for errors that no
+//! frame shows, such as those of the lens.
 //!
 //! # Shape
 //! Two things tell that a target is partly hidden, or joined by something else of its colour. They
 //! widen the sigma, or refuse the blob:
-//! - Its middle of mass is off the middle of its box. A disc that is cut by a vertical edge has it
-//!   off by 0.08 of what is left of its width, and then the direction is wrong by about 3 times (a
-//!   quarter of the diameter hidden) to 7 times (half of it) as much. The CMUcam2 tells the middle
-//!   of mass in whole columns, cut or rounded, so only what exceeds that counts: this finds large
-//!   blobs, and two that are taken for one.
-//! - A [round](Shape::Round) target is narrower than tall. The direction is wrong by half of what
-//!   is missing. A target whose lower or upper part is hidden is wider than tall; its direction is
-//!   right. The last sliver of a hidden target looks like a small one.
+//! - Its middle of mass is off the middle of its box. A disc that is cut by a vertical edge has it off by
+//!   0.08 of its remaining width. Then the direction is wrong by about 3 times (a quarter of the diameter
+//!   hidden) to 7 times (half of it) as much. The CMUcam2 tells the middle of mass in whole columns, cut or
+//!   rounded, so only the excess over that counts: this finds large blobs, and two that are taken for one.
+//! - A [round](Shape::Round) target is narrower than tall. The direction is wrong by half of the missing
+//!   width. A target whose lower or upper part is hidden is wider than tall; its direction is right. The last
+//!   sliver of a hidden target looks like a small one.
 
 use core::fmt;
 
@@ -36,7 +34,7 @@ use crate::{arithmetic::sort, message::Seen};
 /// Frames that may be without a usable blob: one in this many.
 const UNUSABLE: usize = 10;
 
-/// How far the middles of most frames may be apart, units.
+/// Most distance between the middles of most frames, units.
 const SPREAD: f32 = 2.0;
 
 /// Variance of the mean of two edges that are rounded to whole units.
@@ -62,20 +60,20 @@ const DOUBT: f32 = 4.0;
 /// Share of the width by which the middle of mass may be off.
 const LOPSIDED: f32 = 0.04;
 
-/// What shape a target has.
+/// Shape of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Shape {
-    /// Nothing is known of it, so nothing is made of its width and height.
+    /// Not known: width and height tell nothing.
     Any,
     /// As wide as tall: a ball.
     Round {
-        /// How many rows are as much as a column, above 0.
+        /// Number of rows that are as much as a column, above 0.
         rows_per_column: f32,
     },
 }
 
-/// Waits until a blob is steady, then tells where it is. Looks at up to `N` frames.
+/// Waits until a blob is steady, then tells its place. Looks at up to `N` frames.
 #[derive(Clone, Debug)]
 pub struct Steadiness<const N: usize> {
     columns: u16,
@@ -102,11 +100,11 @@ pub struct Steady {
     pub confidence: u8,
 }
 
-/// What a [`Steadiness::glance`] sees.
+/// View of a [`Steadiness::glance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Glance {
-    /// Where it is in this frame.
+    /// Its place in this frame.
     pub steady: Steady,
     /// It is wider than an object of its height: there may be several in it.
     pub is_wide: bool,
@@ -122,7 +120,7 @@ struct Outline {
     unit: f32,
 }
 
-/// Why the blob is not steady yet.
+/// Reason why the blob is not steady yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Unsteady {
@@ -132,7 +130,7 @@ pub enum Unsteady {
     Lost {
         /// Frames in which nothing was tracked.
         lost: u16,
-        /// Of so many.
+        /// Frames in all.
         frames: u16,
     },
     /// The blob reaches the left or right border.
@@ -146,7 +144,7 @@ pub enum Unsteady {
     },
     /// The middle of mass is too far from the middle of the box, or the box too narrow.
     Lopsided {
-        /// By so much more than rounding explains, or so much too narrow, columns.
+        /// The excess over rounding, or so much too narrow, columns.
         by: f32,
     },
 }
@@ -180,7 +178,7 @@ impl fmt::Display for Unsteady {
 impl core::error::Error for Unsteady {}
 
 impl<const N: usize> Steadiness<N> {
-    /// Of a blob of this shape in so many frames in a row, 2 to `N`, of so many columns.
+    /// For a blob of this shape in so many frames in a row, 2 to `N`, of so many columns.
     pub fn new(frames: usize, columns: u16, shape: Shape) -> Self {
         const { assert!(N >= 2 && N <= u16::MAX as usize) };
         Self {
@@ -196,10 +194,10 @@ impl<const N: usize> Steadiness<N> {
         self.window.clear();
     }
 
-    /// Takes what a frame has, and judges the last ones.
+    /// Takes the blob of a frame, and judges the last ones.
     ///
     /// # Errors
-    /// Why the blob is not steady yet.
+    /// The reason why the blob is not steady yet.
     pub fn push(&mut self, blob: Option<Blob>) -> Result<Steady, Unsteady> {
         if self.window.len() >= self.frames {
             self.window.pop_front();
@@ -209,7 +207,7 @@ impl<const N: usize> Steadiness<N> {
         self.judge()
     }
 
-    /// Whether all the frames looked at say the same: nothing in view, or all of it clipped.
+    /// Returns true if all the frames looked at say the same: nothing in view, or all of it clipped.
     pub fn is_unanimous(&self) -> bool {
         let all = |wanted: &dyn Fn(&Option<Blob>) -> bool| self.window.iter().all(wanted);
         self.window.len() >= self.frames
@@ -262,7 +260,7 @@ impl<const N: usize> Steadiness<N> {
         })
     }
 
-    /// What is in one frame for itself, of an object that may move. `None`: it is cut off or partly hidden.
+    /// The object of one frame for itself, which may move. `None`: it is cut off or partly hidden.
     pub fn glance(&self, blob: &Blob) -> Option<Glance> {
         if blob.is_clipped(self.columns) {
             return None;
@@ -275,7 +273,7 @@ impl<const N: usize> Steadiness<N> {
             height: blob.bottom - blob.top,
             unit,
         };
-        // What two objects in one box look like is no reason to doubt one of them.
+        // The look of two objects in one box is no reason to doubt one of them.
         let is_wide = self.is_wide(&outline);
         let doubt = if is_wide {
             0.0
@@ -293,7 +291,7 @@ impl<const N: usize> Steadiness<N> {
         Some(Glance { steady, is_wide })
     }
 
-    /// Standard deviation of the direction by what the shape casts doubt on, columns.
+    /// Standard deviation of the direction by doubts on the shape, columns.
     fn doubt(&self, outline: &Outline) -> Result<f32, Unsteady> {
         let &Outline {
             left, right, unit, ..
@@ -310,7 +308,7 @@ impl<const N: usize> Steadiness<N> {
         Ok((DOUBT * off).max(missing * 0.5))
     }
 
-    /// Whether it is so much wider than tall as a target that is half hidden is narrower.
+    /// Returns true if it is wider than tall by as much as a half hidden target is narrower.
     fn is_wide(&self, outline: &Outline) -> bool {
         let Shape::Round { rows_per_column } = self.shape else {
             return false;
@@ -320,7 +318,7 @@ impl<const N: usize> Steadiness<N> {
         more > NARROW * outline.unit && more > width * HIDDEN
     }
 
-    /// How much of its width a target lacks, columns; 0 if that may be rounding.
+    /// Width that a target lacks, columns; 0 if that may be rounding.
     fn missing(&self, width: f32, height: f32, unit: f32) -> f32 {
         let Shape::Round { rows_per_column } = self.shape else {
             return 0.0;
@@ -340,8 +338,8 @@ impl Steady {
         (self.left + self.right) * 0.5
     }
 
-    /// The direction in which a camera sees it, and how wide. `floor` is the standard deviation of what no frame
-    /// shows, columns, from 0.
+    /// The direction in which a camera sees it, and its width. `floor` is the standard deviation of errors
+    /// that no frame shows, columns, from 0.
     pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
         let (bearing, sigma) = self.bearing(camera, floor);
         let width = camera.bearing(self.left) - camera.bearing(self.right);
@@ -378,7 +376,7 @@ impl fmt::Display for Steady {
     }
 }
 
-/// Whether most middles are far apart, or the later ones are elsewhere than the earlier ones.
+/// Returns an error if most middles are far apart, or the later ones are elsewhere than the earlier ones.
 fn moving<const N: usize>(middles: &Vec<f32, N>, unit: f32) -> Result<(), Unsteady> {
     let sorted = sorted(middles);
     let cut = sorted.len() / UNUSABLE;
@@ -399,7 +397,7 @@ fn moving<const N: usize>(middles: &Vec<f32, N>, unit: f32) -> Result<(), Unstea
     Ok(())
 }
 
-/// By how much a middle of mass is off the middle of its box, beyond what rounding explains.
+/// Distance of a middle of mass from the middle of its box, beyond rounding.
 fn beyond(centroid: f32, middle: f32, unit: f32) -> f32 {
     let off = middle - centroid;
     (off - CENTROID_RIGHT * unit)

@@ -142,7 +142,7 @@ fn blocks_are_known_less_well() {
     assert!((steady.column_sigma - 5.5 / 24_f32.sqrt()).abs() < 1e-5);
 }
 
-/// What is in view, in the angles of a camera: which of its pixels belong to it.
+/// A view, in the angles of a camera: decides which of its pixels belong to it.
 struct Picture {
     camera: Camera<f64>,
     /// Columns at a tangent of 1.
@@ -227,9 +227,9 @@ proptest! {
         prop_assert!(off < 0.65, "off by {off} columns");
     }
 
-    /// However much of the target is hidden, the direction that is given is wrong by no more than
-    /// what cannot be told from rounding, or than its sigma explains, and half of it is never
-    /// accepted. (The last sliver of a target looks like a small one: that cannot be told.)
+    /// However much of the target is hidden, the direction that is given is wrong by no more than rounding or
+    /// its sigma explains, and a half hidden target is never accepted. (The last sliver of a target looks
+    /// like a small one: that cannot be told.)
     #[test]
     fn a_ball_partly_hidden_is_refused_or_doubted(
         place in -0.5_f64..0.5, radius in 0.03_f64..0.22, hidden in -0.5_f64..1.0,
@@ -334,7 +334,7 @@ fn the_floor_is_what_remains() {
     );
 }
 
-/// One frame of something that moves: nine columns and twice as many rows are round here.
+/// One frame of a moving object: nine columns and twice as many rows are round here.
 #[test]
 fn a_glance_is_one_frame() {
     let steadiness = Steadiness::<10>::new(10, COLUMNS, ROUND);
@@ -352,7 +352,7 @@ fn a_glance_is_one_frame() {
     // Two of them side by side are one wide box, with its middle of mass where the larger one is.
     let both = glance(30, 48, 36).unwrap();
     assert_eq!((both.steady.middle(), both.is_wide), (38.0, true));
-    // Of what has no shape nobody knows.
+    // For an object without a shape it is not known.
     let any = Steadiness::<10>::new(10, COLUMNS, Shape::Any);
     let seen = blob([39, 70, 30, 61, 48, 78, 20, 201]).unwrap();
     assert!(!any.glance(&seen).unwrap().is_wide);

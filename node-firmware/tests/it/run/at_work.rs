@@ -93,7 +93,7 @@ fn the_pc_commands_a_camera() {
     assert_eq!(site.pc.told().len(), before, "no more packets");
 }
 
-/// A person sends a camera away, and shuts everybody out who is not a member: the others go on under
+/// A person sends a camera away, and shuts out every node that is not a member: the others go on under
 /// another key.
 #[test]
 fn the_pc_sends_a_member_away_and_changes_the_key() {
@@ -140,7 +140,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     site.bench.run_for(200 * SECOND);
     assert!(site.target.lamps.0.get().joined);
     assert!(!site.camera.lamps.0.get().joined);
-    // Nobody else has its identifier; it can take another one, and its members follow.
+    // No other network has its identifier; it can take another one, and its members follow.
     site.pc.forget();
     site.pc.wish(FromPc::Refresh);
     site.bench.run_for(SECOND);
@@ -171,7 +171,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     assert!(site.pc.told().contains(&ToPc::KeyChange(None)));
 }
 
-/// Both the coordinator and its line have more to say than the other takes at a time.
+/// Both the coordinator and its line send more than the other takes at a time.
 #[test]
 fn a_pc_that_writes_much_does_not_stop_the_coordinator() {
     let mut site = Site::new();
@@ -242,8 +242,8 @@ fn they_come_back_after_a_restart() {
     assert!(site.target.lamps.0.get().may_walk);
 }
 
-/// What differs from the background is the target. A camera that lost its background, with the target
-/// in its view, does not take a new one by itself.
+/// The target is the part of the view that differs from the background. A camera that lost its background,
+/// with the target in its view, does not take a new one by itself.
 #[test]
 fn a_background_is_not_learnt_with_the_target_in_view() {
     let mut site = Site::new();
@@ -276,7 +276,7 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
         assert_eq!(stop(&mut site), Some(Sight::Failed));
         assert_eq!(backgrounds(&site), learnt);
     }
-    // Somebody who sees that the target is elsewhere wants it.
+    // A user who sees that the target is elsewhere wants it.
     assert!(site.command(CameraCommand::LearnBackground, 5 * SECOND));
     assert_eq!(stop(&mut site), Some(Sight::InView));
     assert_eq!(backgrounds(&site), learnt + 1);

@@ -44,10 +44,10 @@ pub(super) const SECOND: Time = 1_000_000_000;
 /// twice.
 type Nonces = Rc<RefCell<HashSet<(Eui64, u8, u32)>>>;
 
-/// The flash of who sends, and the extended address in it, once it was looked up since the start.
+/// The flash of each sender, and the extended address in it, once it was looked up since the start.
 type Senders = Rc<RefCell<BTreeMap<NodeId, (Flash, Option<Eui64>)>>>;
 
-/// What the nodes under test run on.
+/// Surroundings of the nodes under test.
 pub(super) struct Bench {
     pub(super) executor: Executor,
     pub(super) clock: Clock,
@@ -100,7 +100,7 @@ pub(super) fn extended(flash: &Flash) -> Eui64 {
     link(flash).0.extended.unwrap()
 }
 
-/// A CMUcam2 that does what it is told and sees what the test says: column, or nothing.
+/// A CMUcam2 that follows its commands and sees as the test says: column, or nothing.
 #[derive(Default)]
 pub(super) struct Camera {
     sees: Cell<Option<u8>>,
@@ -126,7 +126,7 @@ impl Camera {
         }
     }
 
-    /// The manual's answers, by the letters of the command, and after which time.
+    /// The manual's answers, by the letters of the command, and their times.
     fn obey(&self, command: &str) -> (Time, String) {
         const MILLISECOND: Time = SECOND / 1000;
         match command.get(..2) {
@@ -138,7 +138,7 @@ impl Camera {
             Some("GT") => (MILLISECOND, "ACK\r130 190 90 150 40 100\r:".to_owned()),
             Some(kind @ ("TC" | "TW" | "FD")) => {
                 let packet = match self.sees.get().filter(|_| !self.dazzled.get()) {
-                    // Of 16 x 16 blocks.
+                    // In units of 16 x 16 blocks.
                     Some(x) if kind == "FD" => [x, 8, x - 1, 7, x + 1, 9, 6, 255],
                     Some(x) => [x, 70, x - 4, 61, x + 4, 79, 60, 200],
                     None => [0; 8],
@@ -151,7 +151,7 @@ impl Camera {
     }
 }
 
-/// A PC, which writes and notes what it is told.
+/// A PC, which writes and notes its messages.
 pub(super) struct Pc(RefCell<(Port, Frames, Vec<ToPc>)>);
 
 impl Pc {
@@ -161,7 +161,7 @@ impl Pc {
 
     pub(super) fn wish(&self, wish: FromPc) {
         let mut buffer = [0; FRAME_MAX];
-        // A zero before it ends what noise, or a frame that was cut, may have begun.
+        // A zero before it ends the frame that noise, or a cut frame, may have begun.
         let frame = [&[0], encode(&wish, &mut buffer).unwrap()].concat();
         block_on(self.0.borrow_mut().0.write_all(&frame)).unwrap();
     }
@@ -179,7 +179,7 @@ impl Pc {
     }
 }
 
-/// A node's end of a line, behind which nobody may take anything.
+/// A node's end of a line whose other end may take nothing.
 pub(super) struct NodeUart {
     port: Port,
     stalled: Rc<Cell<bool>>,
@@ -233,7 +233,7 @@ impl Indicator for Lamps {
     }
 }
 
-/// What a node sent.
+/// Messages that a node sent.
 #[derive(Clone, Default)]
 pub(super) struct Log(pub(super) Rc<RefCell<Vec<Message>>>);
 
@@ -248,10 +248,10 @@ pub(super) struct Board {
     pub(super) config: Config,
     antenna: NodeId,
     pub(super) line: Line,
-    /// What is on its line takes nothing.
+    /// The device on its line takes nothing.
     pub(super) stalled: Rc<Cell<bool>>,
     camera: Rc<Camera>,
-    /// Of 8 KiB for the link, and 8 KiB for the role.
+    /// Flash of 8 KiB for the link, and 8 KiB for the role.
     pub(super) flash: Flash,
     pub(super) faults: Faults,
     /// Since its last start.
@@ -285,7 +285,7 @@ impl Board {
         };
         let is_camera = matches!(config.role, RoleConfig::Camera(_));
         let uart = Uart::new(if is_camera { 38_400 } else { 115_200 });
-        // The test looks at times what has come.
+        // The test looks at times for new bytes.
         let far = Uart {
             receive_buffer: 1 << 20,
             transmit_buffer: 1 << 10,
@@ -336,7 +336,7 @@ impl Board {
         }
     }
 
-    /// The firmware from its start, with what is in the flash.
+    /// The firmware from its start, with the present contents of the flash.
     pub(super) fn firmware(
         &self,
         bench: &Bench,
@@ -392,7 +392,7 @@ impl Board {
         bench.running.insert(self.antenna, task);
     }
 
-    /// What its camera sees from now on.
+    /// View of its camera from now on.
     pub(super) fn sees(&self, column: Option<u8>) {
         self.camera.sees.set(column);
     }
@@ -402,12 +402,12 @@ impl Board {
         self.camera.dazzled.set(true);
     }
 
-    /// What its camera was told, from now on or since it was last forgotten.
+    /// Commands to its camera, from now on or since it was last forgotten.
     pub(super) fn heard(&self) -> Vec<String> {
         self.camera.heard.borrow().clone()
     }
 
-    /// What it answered to stops.
+    /// Its answers to stops.
     pub(super) fn looks(&self) -> Vec<Sight> {
         let log = self.log.0.borrow();
         let looks = log.iter().filter_map(|message| match message {
@@ -490,7 +490,7 @@ impl Site {
         ]
     }
 
-    /// What members said they are, by number.
+    /// Kinds that members told, by number.
     pub(super) fn hellos(&self) -> BTreeMap<u16, MemberKind> {
         let hellos = self.pc.told().into_iter().filter_map(|told| match told {
             ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
@@ -509,7 +509,7 @@ impl Site {
         address.unwrap()
     }
 
-    /// The PC commands the camera, which answers in this time. Whether it succeeded.
+    /// The PC commands the camera, which answers in this time. Returns true if it succeeded.
     pub(super) fn command(&mut self, command: CameraCommand, within: Time) -> bool {
         let address = self.camera_address();
         self.pc.wish(FromPc::Command { address, command });

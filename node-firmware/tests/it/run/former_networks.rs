@@ -25,7 +25,7 @@ use crate::run::{
     support::{flash::Flash, site::target_config},
 };
 
-/// What the link's half of a flash says.
+/// Contents of the link's half of a flash.
 pub(super) fn link(flash: &Flash) -> (Saved, Vec<Member>) {
     block_on(async {
         let mut store = Store::new(flash.copy(), 0..LINK).unwrap();
@@ -38,7 +38,7 @@ pub(super) fn link(flash: &Flash) -> (Saved, Vec<Member>) {
     })
 }
 
-/// What a role remembers.
+/// Facts that a role remembers.
 fn facts(board: &Board) -> Vec<Fact> {
     let flash = board.flash.copy();
     let mut facts = Vec::new();
@@ -88,9 +88,8 @@ pub(super) fn erase_link(flash: &Flash) {
     block_on(flash.clone().erase(0, LINK)).unwrap();
 }
 
-/// A network is void with a page of another key, with a link range that was erased, with another
-/// number of the node. Addresses are given anew then, and what a role remembered of them
-/// would be of others.
+/// A network is void with a page of another key, with a link range that was erased, with another number of
+/// the node. Addresses are given anew then, and the facts that a role remembered of them would be of others.
 #[test]
 fn facts_go_with_the_network() {
     let site = site();
@@ -159,7 +158,7 @@ fn members_of_a_former_network_stay_out() {
             let own = saved.extended;
             assert_eq!(saved.network.map(|network| network.coordinator), own);
             assert_eq!(members, [], "{what}");
-            // Nobody may join by now.
+            // No node may join by now.
             assert_eq!(site.hellos().len(), 0, "{what}");
             assert!(!site.camera.lamps.0.get().joined, "{what}");
         }
@@ -232,9 +231,9 @@ fn power_cuts_at_the_start_are_survived() {
     }
 }
 
-/// What happens to a node, in whatever order: pages with keys old and new, other numbers, erasures,
-/// power cuts in the middle of a start or of a write, and starts after which it sends. No extended
-/// address, key and frame counter occur together twice.
+/// Events of a node, in any order: pages with keys old and new, other numbers, erasures, power cuts in the
+/// middle of a start or of a write, and starts after which it sends. No extended address, key and frame
+/// counter occur together twice.
 #[test]
 fn no_nonce_twice_whatever_is_provisioned() {
     const CUTS: u32 = 10_000;

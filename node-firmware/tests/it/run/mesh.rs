@@ -1,5 +1,5 @@
-//! Whole roles over a network of another kind: many hops, which lose, delay and double messages, and of
-//! which nothing is known but what [`Network`] promises.
+//! Whole roles over a network of another kind: many hops, which lose, delay and double messages, and of which
+//! only the promises of [`Network`] are known.
 
 use std::{
     cell::{Cell, RefCell},
@@ -38,7 +38,7 @@ const INFO: NetworkInfo = NetworkInfo {
     pan: 1,
     channel: 11,
 };
-/// Of each hop.
+/// Time of each hop.
 const HOP: Time = SECOND / 20;
 /// Messages on their way from one node.
 const ROOM: usize = 4;
@@ -53,7 +53,7 @@ struct Mesh {
     /// Share of messages that one hop loses.
     loss: f64,
     rng: RefCell<ChaCha8Rng>,
-    /// What happens to whom, and when.
+    /// Events with their nodes and times.
     coming: RefCell<BTreeMap<(Time, u64), (u16, Event)>>,
     planned: Cell<u64>,
     changed: Signal<NoopRawMutex, ()>,
@@ -105,7 +105,7 @@ impl Mesh {
         self.changed.signal(());
     }
 
-    /// How long a message is on its way over so many hops, if it arrives.
+    /// Time of a message on its way over so many hops, if it arrives.
     fn way(&self, hops: u16) -> Option<Time> {
         let mut rng = self.rng.borrow_mut();
         let mut time = 0;
@@ -285,7 +285,7 @@ fn nodes_work_over_many_hops_that_lose_messages() {
         site.camera.sees(Some(40));
         site.bench.run_for(60 * SECOND);
 
-        // They say who they are, and look.
+        // They present themselves, and look.
         let told = site.pc.told();
         let hellos = told.iter().filter_map(|told| match told {
             ToPc::Member { address, hello } => Some((*address, hello.id)),
@@ -304,7 +304,7 @@ fn nodes_work_over_many_hops_that_lose_messages() {
         );
         assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
 
-        // The PC's commands reach the camera, and what it says comes back.
+        // The PC's commands reach the camera, and its answers come back.
         let command = CameraCommand::LearnBackground;
         site.pc.wish(FromPc::Command {
             address: CAMERA,
@@ -319,13 +319,13 @@ fn nodes_work_over_many_hops_that_lose_messages() {
             },
         };
         let told = site.pc.told();
-        // It may be done although nobody heard that it arrived.
+        // It may be done although its arrival is not known.
         assert!(
             told.contains(&done(true)) || told.contains(&done(false)),
             "{seed}: {told:?}"
         );
 
-        // What is asked of the network is asked of this one.
+        // Requests to the network go to this one.
         site.pc.wish(FromPc::Remove(CAMERA));
         site.pc.wish(FromPc::ChangeKey(SiteKey::new(2, [7; 16])));
         site.pc.wish(FromPc::Refresh);

@@ -1,4 +1,4 @@
-//! Nodes that get another page, and what they still know then.
+//! Nodes that get another page, and their knowledge then.
 
 use node_firmware::{
     config::{CoordinatorConfig, RoleConfig, SiteKey},
@@ -47,7 +47,7 @@ fn another_key_is_taken() {
     }
 }
 
-/// With the same key, a node goes on as it was; erased or under another number, it is somebody else.
+/// With the same key, a node goes on as it was; erased or under another number, it is another node.
 #[test]
 fn an_address_is_kept_until_the_node_is_erased() {
     let mut site = Site::new();
@@ -99,8 +99,8 @@ fn an_erased_member_is_back_at_once() {
     }
 }
 
-/// The board of the coordinator becomes the target, and that of the target the camera's, and so on,
-/// under one key. No board takes what it was before for what it is now.
+/// The board of the coordinator becomes the target, and that of the target the camera's, and so on, under one
+/// key. No board takes its former role for its present one.
 #[test]
 fn boards_change_their_roles() {
     let mut site = Site::new();

@@ -27,7 +27,7 @@ fn random(round: u64, start: u64) -> u64 {
     ChaCha8Rng::seed_from_u64(100 * round + start).random()
 }
 
-/// Whether the PC was told that the node of this number, or the coordinator, works from RAM.
+/// Returns true if the PC was told that the node of this number, or the coordinator, works from RAM.
 fn is_told(site: &Site, id: Option<u16>) -> bool {
     let told = site.pc.told();
     let address = told.iter().rev().find_map(|line| match line {
@@ -41,7 +41,7 @@ fn is_told(site: &Site, id: Option<u16>) -> bool {
     })
 }
 
-/// At every start, and in the middle of its work. It goes on doing what it is for.
+/// At every start, and in the middle of its work. It goes on with its work.
 #[test]
 fn a_camera_with_a_worn_flash_works_and_says_so() {
     for (round, fault) in (1..).zip(FAULTS) {
@@ -50,8 +50,8 @@ fn a_camera_with_a_worn_flash_works_and_says_so() {
             site.camera.sees(Some(40));
             site.bench.run_for(50 * SECOND);
             assert!(!is_told(&site, Some(101)));
-            // What the role writes is tried in the middle of its work, what the link writes at a start: it
-            // would restart.
+            // Writes of the role are tried in the middle of its work, writes of the link at a start: it would
+            // restart.
             site.camera.faults.set(fault, 1.0, range.clone(), round);
             if range.start == 0 {
                 site.camera.power(&mut site.bench, random(round, 0));
@@ -76,7 +76,7 @@ fn a_camera_with_a_worn_flash_works_and_says_so() {
     }
 }
 
-/// It forms another network at each start, and those who were in the last one come.
+/// It forms another network at each start, and the members of the last one come.
 #[test]
 fn a_coordinator_with_a_worn_flash_works_and_says_so() {
     for (round, fault) in (1..).zip(FAULTS) {

@@ -1,4 +1,4 @@
-//! The chips on a bus, in a world, and somebody who waits for steps.
+//! The chips on a bus, in a world, and a caller that waits for steps.
 
 use std::{
     cell::{Cell, RefCell},
@@ -21,7 +21,7 @@ use zigbee_link::{Instant, runner::Clock};
 
 use crate::steps::chips::{Lis3mdl, Lsm6dsox, World};
 
-/// What a person's sensors read, at any time: in between, in proportion.
+/// Readings of a person's sensors, at any time: in between, in proportion.
 pub(crate) struct Recording(pub(crate) Vec<walker::Reading>);
 
 impl Recording {
@@ -43,7 +43,7 @@ impl World for Recording {
     }
 }
 
-/// What goes wrong on the bus, beside the chips.
+/// Faults of the bus, beside the chips.
 #[derive(Default)]
 pub(crate) struct Faults {
     pub(crate) no_motion: bool,
@@ -66,11 +66,11 @@ pub(crate) struct Bench {
     pub(crate) faults: RefCell<Faults>,
     rng: RefCell<Random>,
     bytes_to_cut: Cell<u32>,
-    /// Whether the last call was cut off, and does not just wait for ever.
+    /// True if the last call was cut off, and does not just wait for ever.
     is_cut: Cell<bool>,
 }
 
-/// A step, or a failure, and when.
+/// A step, or a failure, and its time.
 pub(crate) type Happened = (
     f64,
     Result<calib_core::dead_reckoning::Step<f32>, SensorError>,

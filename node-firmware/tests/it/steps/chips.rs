@@ -1,13 +1,13 @@
-//! The two chips of the step sensor, after their data sheets: registers, and what they do to them.
+//! The two chips of the step sensor, after their data sheets: registers, and their effects.
 //!
-//! They know nothing of the driver. What it does not set has the value of a reset, and what it sets
-//! otherwise than the model can follow ends the test.
+//! They know nothing of the driver. A register that it does not set has the value of a reset. A setting that
+//! the model cannot follow ends the test.
 
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
-/// What the world does to the sensors at some time, us: acceleration in m/s^2, angular rate in
+/// Effects of the world on the sensors at some time, us: acceleration in m/s^2, angular rate in
 /// rad/s, field in uT.
 pub(crate) trait World {
     fn at(&self, time_us: f64) -> [Vector3<f64>; 3];
@@ -26,7 +26,7 @@ fn bytes(value: Vector3<f64>, unit: f64) -> [u8; 6] {
 /// DS12814.
 pub(crate) struct Lsm6dsox {
     pub(crate) identity: u8,
-    /// How much faster its clock goes than it should, in steps of 0.15 %.
+    /// Excess of its clock over the nominal one, in steps of 0.15 %.
     pub(crate) fine: i8,
     registers: [u8; 128],
     fifo: VecDeque<[u8; 7]>,
@@ -66,7 +66,7 @@ impl Lsm6dsox {
         self.lost = false;
     }
 
-    /// From now on it measures what it measured last.
+    /// From now on it repeats its last measurement.
     pub(crate) fn stick(&mut self) {
         self.stuck = Some([[1, 2, 3, 4, 5, 6]; 2]);
     }
@@ -128,7 +128,7 @@ impl Lsm6dsox {
         }
     }
 
-    /// Reads a register; tells which a longer read goes on with.
+    /// Reads a register; returns also the register that a longer read goes on with.
     pub(crate) fn read(&mut self, register: u8) -> (u8, u8) {
         let waiting = (self.fifo.len() as u16).to_le_bytes();
         let value = match register {
@@ -166,7 +166,7 @@ impl Lsm6dsox {
 /// `DocID024204`.
 pub(crate) struct Lis3mdl {
     pub(crate) identity: u8,
-    /// What is magnetic about it, uT.
+    /// Its own magnetism, uT.
     pub(crate) hard_iron: Vector3<f64>,
     registers: [u8; 64],
     out: [u8; 6],

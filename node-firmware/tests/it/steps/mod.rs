@@ -25,8 +25,8 @@ const USUAL: SensorConfig = SensorConfig {
     ..SensorConfig::UNCALIBRATED
 };
 
-/// With the step length of another walk of this kind of person, at another pace, as people find it:
-/// the usual one times the known distance by the one that was reckoned.
+/// With the step length of another walk of this kind of person, at another pace, as people find it: the usual
+/// one times the known distance over the reckoned one.
 fn calibrated() -> SensorConfig {
     let mut walker = Walker::new(4711);
     walker.cadence = 1.8;
@@ -74,8 +74,8 @@ fn straight(steps: u32) -> [Act; 1] {
     [Act::Walk(steps, 0.0)]
 }
 
-/// Every step, 6 % of the way, and its direction: within 6 degrees, of which the field's wandering
-/// makes most. Whatever the chip's clock is wrong by.
+/// Every step, 6 % of the way, and its direction: within 6 degrees, of which the field's wandering makes
+/// most. With any error of the chip's clock.
 #[test]
 fn a_walk_comes_out_as_steps() {
     let config = calibrated();
@@ -206,7 +206,7 @@ fn a_sensor_that_is_not_there_is_reported_until_it_is() {
     }
 }
 
-/// What goes wrong at 12 s of a long walk is said once, soon, and then it goes on.
+/// A fault at 12 s of a long walk is reported once, soon, and then it goes on.
 #[test]
 fn what_fails_under_way_is_set_up_anew() {
     type Change = fn(&Bench);
@@ -280,7 +280,7 @@ fn what_fails_under_way_is_set_up_anew() {
         );
         heal(&bench);
         let after = bench.until(&mut sensor, f64::MAX);
-        // What it was late for does not come out once more.
+        // The step for which it was late does not come out once more.
         let left = (person(9, &straight(80)).time - 3.0 - end) * 1.5;
         let after = steps(&after).len();
         assert!(

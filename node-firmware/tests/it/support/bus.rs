@@ -1,9 +1,9 @@
-//! Roles, connected directly. The radio in between is ideal, or does what radios do.
+//! Roles, connected directly. The radio in between is ideal, or has the faults of radios.
 //!
-//! What roles save goes through a real [`FactStore`] in a flash of their own, and every message is
-//! encoded and decoded, so a restart and the wire are tested along the way. Three things are
-//! required of every role whenever it wants nothing more: that this took a bounded number of
-//! polls, that its deadline lies in the future, and that all it sent fits a frame.
+//! Facts that roles save go through a real [`FactStore`] in a flash of their own, and every message is
+//! encoded and decoded, so a restart and the wire are tested along the way. Three things are required of
+//! every role whenever it wants nothing more: that this took a bounded number of polls, that its deadline
+//! lies in the future, and that all it sent fits a frame.
 
 use std::collections::{BTreeSet, VecDeque};
 
@@ -31,10 +31,10 @@ const LEN: u32 = length(32);
 /// A station's memory is its own.
 const OWNER: u32 = 1;
 
-/// The most that a role may want at one time.
+/// The most outputs of a role at one time.
 const POLLS: usize = 200;
 
-/// What the radio does to messages.
+/// Effects of the radio on messages.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Faults {
     /// Share of messages that are lost, and of those that arrive, but of which the sender does not
@@ -87,7 +87,7 @@ impl Air {
         }
     }
 
-    /// Whether the sender hears that it arrived.
+    /// Sends a message; returns true if the sender hears that it arrived.
     fn send(&mut self, now: u64, from: ShortAddress, to: ShortAddress, message: Message) -> bool {
         let mut buffer = [0; 256];
         let bytes = postcard::to_slice(&message, &mut buffer).unwrap();
@@ -120,7 +120,7 @@ impl Air {
     }
 }
 
-/// What the devices of a role make of a task: an event, and when.
+/// Effect of a task on the devices of a role: an event, and its time.
 pub type Devices<R> = Box<dyn FnMut(u64, <R as Role>::Task) -> Option<(u64, <R as Role>::Event)>>;
 
 /// A role with its flash and its devices.
@@ -192,7 +192,7 @@ impl<R: Role> Station<R> {
         self.facts.clear();
     }
 
-    /// Power off and on: the flash is what is left.
+    /// Power off and on: only the flash is left.
     pub fn restart(&mut self, now: u64) {
         self.role = (self.make)();
         self.settled.clear();
@@ -221,7 +221,7 @@ impl<R: Role> Station<R> {
         }
     }
 
-    /// What a restart would find.
+    /// Facts that a restart would find.
     pub fn recalled(&mut self) -> Vec<Fact> {
         let mut facts = Vec::new();
         block_on(async {
@@ -233,7 +233,7 @@ impl<R: Role> Station<R> {
         facts
     }
 
-    /// How many sightings a restart would find.
+    /// Number of sightings that a restart would find.
     pub fn recalled_sightings(&mut self) -> usize {
         let facts = self.recalled();
         let stops = facts.iter().filter_map(|fact| match fact {
@@ -248,11 +248,11 @@ impl<R: Role> Station<R> {
     }
 }
 
-/// A station of whatever role.
+/// A station of any role.
 pub trait AnyStation {
     fn address(&self) -> ShortAddress;
     fn hear(&mut self, now: u64, from: ShortAddress, message: &Message);
-    /// Does all that is to be done now. When to call it again.
+    /// Does all that is to be done now. Returns the time to call it again.
     fn act(&mut self, now: u64, air: &mut Air) -> Option<u64>;
 }
 

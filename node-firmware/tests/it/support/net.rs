@@ -25,7 +25,7 @@ use super::{
 pub const SECOND: u64 = 1_000_000;
 /// A look takes so long.
 const LOOK: u64 = 600_000;
-/// How the sensor of the target is turned.
+/// Direction of the sensor of the target.
 pub const TURN: f64 = 0.7;
 pub const TARGET: u16 = 10;
 
@@ -36,7 +36,7 @@ pub struct Net {
     pub cameras: Vec<Station<CameraRole>>,
     pub target: Station<TargetRole<'static>>,
     pub told: Rc<RefCell<Vec<ToPc>>>,
-    /// How often each camera looked.
+    /// Number of looks of each camera.
     pub looks: Rc<RefCell<Vec<u32>>>,
     pub stops: usize,
     missteps: [f64; 2],
@@ -94,7 +94,8 @@ impl Net {
         })
     }
 
-    /// With a target that estimates everything together, as on boards, and whose carrier nobody knows.
+    /// With a target that estimates everything together, as on boards, and whose carrier's errors are not
+    /// known.
     pub fn estimating(faults: Faults, seed: u64, config: impl Fn(usize) -> CameraConfig) -> Self {
         Self::with(faults, seed, config, || {
             let unknown = TargetConfig::default();
@@ -211,7 +212,7 @@ impl Net {
             .extend(what.map(|[x, y]| (camera, Point2::new(x, y))));
     }
 
-    /// Somebody turns a camera to the left, radians.
+    /// Turns a camera to the left, radians.
     pub fn turn_camera(&mut self, camera: usize, by: f64) {
         self.site.borrow_mut().turned.insert(camera, by);
     }
@@ -226,7 +227,7 @@ impl Net {
         self.missteps = [scale, turn];
     }
 
-    /// To the next stop, and what follows there.
+    /// To the next stop, and the events there.
     pub fn walk(&mut self) {
         self.step_to_next();
         self.run_for(SECOND);
@@ -251,7 +252,7 @@ impl Net {
         );
     }
 
-    /// To the next stop, until the target confirms there what this camera saw, which has not heard it.
+    /// To the next stop, until the target confirms there a sighting of this camera, which has not heard it.
     pub fn step_until_confirmed(&mut self, camera: usize) {
         self.step_to_next();
         let before = self.air.sent.len();

@@ -1,4 +1,4 @@
-//! A small world: where cameras and targets really are, in f64, and what cameras see of them.
+//! A small world: the true places of cameras and targets, in f64, and the sightings of the cameras.
 
 use std::{cell::RefCell, collections::BTreeMap, f64::consts::PI, rc::Rc};
 
@@ -11,11 +11,11 @@ use node_firmware::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Standard deviation of what cameras see, radians.
+/// Standard deviation of the cameras' bearings, radians.
 pub const BEARING_SIGMA: f64 = 0.001;
-/// Of a leg of a walk: distance and direction.
+/// Standard deviations of a leg of a walk: distance and direction.
 pub const STEP_SIGMAS: [f64; 2] = [0.005, 0.001];
-/// Of standing.
+/// Standard deviation of standing.
 pub const STANDING_SIGMA: f64 = 0.005;
 /// Half of a view, radians.
 const HALF_VIEW: f64 = 30.0 * PI / 180.0;
@@ -55,22 +55,22 @@ pub const STOPS: [[f64; 2]; 8] = [
     [5.2, 7.3],
 ];
 
-/// What is where.
+/// State of the world.
 pub struct Site {
-    /// Where targets stand, by colour.
+    /// Places where targets stand, by colour.
     pub targets: BTreeMap<u8, Point2<f64>>,
-    /// What cameras, by their place in [`CAMERAS`], take for a target.
+    /// Places that cameras, by their place in [`CAMERAS`], take for a target's.
     pub mistaken: BTreeMap<usize, Point2<f64>>,
-    /// By how much directions of a camera are too large, as a share.
+    /// Excess of a camera's directions, as a share.
     pub warped: BTreeMap<usize, f64>,
-    /// Cameras that somebody turned, by so much.
+    /// Cameras that were turned, by so much.
     pub turned: BTreeMap<usize, f64>,
     seed: u64,
 }
 
 pub type Shared = Rc<RefCell<Site>>;
 
-/// The same for the same words, whenever it is asked: faults of a radio do not change what is seen.
+/// The same for the same words at any time: faults of a radio do not change the sightings.
 pub fn noise(words: &[u64]) -> f64 {
     let seed = words.iter().fold(0xA5A5_u64, |hash, word| {
         (hash ^ word)
@@ -93,7 +93,7 @@ impl Site {
         }))
     }
 
-    /// What a camera sees of a colour.
+    /// A camera's look for a colour.
     pub fn look(&self, n: usize, colour: u8) -> (Sight, Option<Seen>) {
         let camera = &CAMERAS[n];
         let Some(target) = self.mistaken.get(&n).or(self.targets.get(&colour)) else {
@@ -112,8 +112,8 @@ impl Site {
         (Sight::InView, Some(seen))
     }
 
-    /// A target walks to a place. What its sensor makes of it, in a frame turned by `turn`: distance
-    /// and direction.
+    /// A target walks to a place. Returns its sensor's reading, in a frame turned by `turn`: distance and
+    /// direction.
     pub fn walk(&mut self, colour: u8, to: Point2<f64>, turn: f64) -> [f64; 2] {
         let from = self.targets.insert(colour, to).unwrap_or(to);
         let way: Vector2<f64> = to - from;

@@ -1,4 +1,4 @@
-//! The kit's buttons: pins that somebody connects to ground.
+//! The kit's buttons: pins that are connected to ground when pressed.
 
 use cmucam2_emulator::{Extent, Object, Place, Shape};
 use node_firmware::config::{Config, RoleConfig};
@@ -9,7 +9,7 @@ use super::{faults::Site, *};
 const JOIN_WINDOW: u32 = 11;
 const LEARN_COLOUR: u32 = 12;
 
-/// A contact that bounces closes so often before it stays closed; how far apart that is.
+/// Number of times that a bouncing contact closes before it stays closed; and the time between them.
 const BOUNCES: usize = 3;
 const BOUNCE: u64 = MS;
 
@@ -23,7 +23,7 @@ fn press(site: &mut Site, number: usize, pin: u32, lasts: u64) {
     }
 }
 
-/// A coordinator that nobody may join unasked, and a camera.
+/// A coordinator that no device may join unasked, and a camera.
 fn closed() -> Site {
     let coordinator = || {
         let lab = lab();

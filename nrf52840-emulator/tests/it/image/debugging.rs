@@ -53,7 +53,7 @@ fn function(name: &str) -> u32 {
     symbol.unwrap().address() as u32 & !1
 }
 
-/// What GDB prints when it is told so.
+/// Output of GDB after these commands.
 fn gdb(commands: &[&str], address: SocketAddr) -> String {
     let mut command = Command::new("gdb-multiarch");
     command.args(["-nx", "-batch", "-ex", "set width 0"]);
@@ -63,15 +63,15 @@ fn gdb(commands: &[&str], address: SocketAddr) -> String {
     }
     let output = command.arg(image()).stdin(Stdio::null()).output();
     let output = output.expect("install gdb-multiarch");
-    // What `monitor` has answered is on the other one.
+    // The answers to `monitor` are on the other one.
     let printed = [output.stdout, output.stderr].concat();
     let printed = String::from_utf8_lossy(&printed).into_owned();
     assert!(output.status.success(), "{printed}");
     printed
 }
 
-/// Somebody's GDB finds the sources, stops where it is told to, and lets the node go on. What it does takes none of
-/// the node's time.
+/// A user's GDB finds the sources, stops where it is told to, and lets the node go on. Its work takes none of the
+/// node's time.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn gdb_looks_at_a_node() {

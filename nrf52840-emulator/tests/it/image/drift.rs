@@ -4,12 +4,12 @@ use nrf52840_emulator::{Time, device::Samples};
 
 use super::*;
 
-/// How long a target stands before it walks, so that a wrong clock is wrong by a third of a step, and at what intervals
-/// it is told of motion.
+/// Time for which a target stands before it walks, so that a wrong clock is wrong by a third of a step, and the
+/// interval at which it is told of motion.
 const IDLE: u64 = 300 * S;
 const EVERY: usize = RATE as usize / 2;
 
-/// How far a target has walked then.
+/// Distance that a target has walked then.
 fn walked(drift_ppb: i32, idle: u64) -> f64 {
     let lab = lab();
     let mut walker = Walker::new(100);

@@ -1,5 +1,5 @@
-//! What goes wrong in a chip or with its power: each ends in a restart that says why, or in work that goes
-//! on, and nothing that was learnt is lost.
+//! Faults of a chip or its power: each ends in a restart that says why, or in work that goes on, and nothing that
+//! was learnt is lost.
 //!
 //! `NODE_CUTS=all` tries every cut where some are tried otherwise.
 
@@ -25,12 +25,12 @@ fn all() -> bool {
 pub(super) struct Site {
     pub(super) network: Network,
     nodes: Vec<Box<dyn Fn() -> Node>>,
-    /// What each had in its flash when its power went.
+    /// Contents of each one's flash when its power went.
     flash: BTreeMap<usize, Vec<(u64, Vec<u8>)>>,
-    /// What the coordinator told its PC, and when.
+    /// Messages of the coordinator to its PC, and their times.
     pub(super) told: Vec<(u64, ToPc)>,
     frames: Frames,
-    /// When who sent something.
+    /// Times and senders of frames.
     sent: Vec<(u64, usize)>,
 }
 
@@ -49,7 +49,7 @@ impl Site {
         site
     }
 
-    /// With what was in its flash before.
+    /// With its former contents of the flash.
     fn switch_on(&mut self, number: usize) {
         let mut node = self.nodes[number]();
         if let Some(flash) = self.flash.get(&number) {
@@ -89,7 +89,7 @@ impl Site {
         }
     }
 
-    /// How many members were told of since an instant.
+    /// Number of members that were told of since an instant.
     fn members(&self, since: u64) -> usize {
         let told = self.told.iter().filter(|(at, _)| *at >= since);
         let members = told.filter_map(|(_, message)| match message {
@@ -271,7 +271,7 @@ fn health(coordinator: &Outcome) -> Health {
     healths.into_iter().next().unwrap_or_default()
 }
 
-/// What is written and erased does not take: the node remembers in its RAM, and says so.
+/// Writes and erasures do not take: the node remembers in its RAM, and says so.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn worn_flash_is_told() {
@@ -297,7 +297,7 @@ fn worn_flash_is_told() {
     assert!(asked(&outcomes[1], 0) > 2);
 }
 
-/// How often a camera node asked its camera for the ball, since an instant.
+/// Number of times that a camera node asked its camera for the ball, since an instant.
 fn asked(node: &Outcome, since: u64) -> usize {
     let line = node.line.iter().filter(|(at, _)| *at >= since);
     let line: Vec<u8> = line.map(|&(_, byte)| byte).collect();
@@ -333,7 +333,7 @@ impl Peer for Flood {
     }
 }
 
-/// What becomes of a camera node with such a camera.
+/// Outcome of a camera node with such a camera.
 fn flooded(faults: Option<fn(&mut Soc)>) -> Outcome {
     let lab = lab();
     let flood = Flood {
@@ -350,7 +350,7 @@ fn flooded(faults: Option<fn(&mut Soc)>) -> Outcome {
     outcomes.swap_remove(1)
 }
 
-/// As long as all of it finds room the node reads it, and goes on.
+/// While all of it finds room the node reads it, and goes on.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_flooded_line_with_room_restarts_nobody() {

@@ -33,7 +33,7 @@ use virtual_bench::{
 
 const S: u64 = 1_000_000_000;
 const MS: u64 = 1_000_000;
-/// Where the configuration page is.
+/// Address of the configuration page.
 const PAGE: u64 = 0xf_f000;
 /// 40 dB above the least that is heard.
 const LEVEL: u8 = 40;
@@ -43,7 +43,7 @@ fn image() -> PathBuf {
     image.into()
 }
 
-/// A site as it is rehearsed, of one network: its world, and what its nodes are told.
+/// A site as it is rehearsed, of one network: its world, and the configuration of its nodes.
 struct Rehearsal {
     site: Site,
     configs: NetworkConfigs,
@@ -166,14 +166,14 @@ fn everybody(_: &Frame, _: usize) -> Option<u8> {
     Some(LEVEL)
 }
 
-/// What must hold of every run.
+/// Checks the conditions that hold of every run.
 fn in_order(outcome: &Outcome) {
     assert_eq!(log(outcome), [""; 0]);
     assert_eq!(outcome.forbidden, []);
     assert_eq!(outcome.unmapped, [""; 0]);
 }
 
-/// What the image logged, a line each.
+/// Lines that the image logged.
 fn log(outcome: &Outcome) -> Vec<String> {
     let image = fs::read(image()).unwrap();
     let table = Table::parse(&image).unwrap().unwrap();
@@ -183,7 +183,7 @@ fn log(outcome: &Outcome) -> Vec<String> {
     loop {
         match decoder.decode() {
             Ok(frame) => lines.push(frame.display(false).to_string()),
-            // A restart tears what was being said.
+            // A restart tears a message that is being sent.
             Err(DecodeError::Malformed) => {}
             Err(DecodeError::UnexpectedEof) => return lines,
         }
@@ -194,14 +194,14 @@ fn says(outcome: &Outcome, words: &str) -> bool {
     log(outcome).iter().any(|line| line.contains(words))
 }
 
-/// What a coordinator told its PC.
+/// Messages of a coordinator to its PC.
 fn told(outcome: &Outcome) -> Vec<ToPc> {
     let mut frames = Frames::default();
     let bytes = outcome.line.iter().map(|&(_, byte)| byte);
     bytes.filter_map(|byte| frames.push(byte)).collect()
 }
 
-/// What a node has written down.
+/// Facts that a node has written down.
 fn facts(outcome: &Outcome, owner: u32) -> Vec<Fact> {
     let (_, bytes) = outcome
         .flash
@@ -292,7 +292,7 @@ fn the_nodes_of_a_site_join() {
         in_order(outcome);
         assert_eq!(outcome.overruns, 0);
     }
-    // Everybody but the coordinator is a member.
+    // Every node but the coordinator is a member.
     let members: BTreeMap<_, _> = { told(&outcomes[0]).into_iter() }
         .filter_map(|message| match message {
             ToPc::Member { address, hello } => Some((address, hello)),
@@ -445,7 +445,7 @@ fn a_bus_that_is_held_low_stops_nothing_else() {
     }
 }
 
-/// It waits for somebody who flashes one, and does not restart again and again.
+/// It waits until one is flashed, and does not restart again and again.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_board_without_a_configuration_stands_by() {
@@ -459,7 +459,7 @@ fn a_board_without_a_configuration_stands_by() {
     assert!(outcome.fed > 20, "{}", outcome.fed);
 }
 
-/// What nodes draw after they have joined: for `NODE_SECONDS`, of `NODE_SITE`.
+/// Currents of nodes after they have joined: for `NODE_SECONDS`, of `NODE_SITE`.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn what_nodes_draw() {
@@ -505,7 +505,7 @@ fn what_nodes_draw() {
     }
 }
 
-/// Whom the target's sensors are worn by: what was read lasts until the next reading.
+/// Sensors of the target as its carrier wears them: a reading lasts until the next one.
 #[derive(Debug)]
 struct Worn(Vec<Motion>);
 
@@ -564,7 +564,7 @@ fn a_target_counts_its_carriers_steps() {
     let ([once, across], way) = walked(24);
     let (twice, _) = walked(48);
     println!("{once} m of {way} m, {across} m beside; twice: {twice:?}");
-    // How long the steps of this person are nobody has told it.
+    // It has not been told how long the steps of this person are.
     assert!((0.75..1.25).contains(&(once / way)), "{once} m of {way} m");
     assert!(across.abs() < 0.1 * way, "{across} m beside");
     assert!(

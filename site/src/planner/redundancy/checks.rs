@@ -12,7 +12,7 @@ use crate::world::World;
 
 /// Places that are tried for each camera that wants a stop.
 const TRIED: usize = 12;
-/// What lowers levels by less than this part on average is no help.
+/// A stop that lowers levels by less than this part on average is no help.
 const LEAST_GAIN: f64 = 0.02;
 /// A level this much below the limit is aimed at: predictions are predictions.
 const ENOUGH: f64 = 0.7;
@@ -22,7 +22,7 @@ const ENOUGH: f64 = 0.7;
 pub struct CheckWish {
     /// Its index.
     pub camera: usize,
-    /// What may be left.
+    /// Level that may be left.
     pub tolerance: Tolerance,
 }
 
@@ -35,12 +35,12 @@ pub struct Checks<'a> {
     pub radius: f64,
     /// Lowest and highest corner of where it may go.
     pub bounds: [Point2<f64>; 2],
-    /// How the cameras measure, in columns.
+    /// Noise of the cameras' measurements, in columns.
     pub columns: f64,
     /// The poses that are to be checked.
     pub wishes: Vec<CheckWish>,
-    /// Places where the target was in other walks. With those of the survey: what is farther from all
-    /// of them than a camera sees is not asked for.
+    /// Places where the target was in other walks. Together with those of the survey: a place that is farther from
+    /// all of them than a camera sees is not asked for.
     pub been: &'a [Point2<f64>],
 }
 
@@ -51,20 +51,20 @@ pub struct CheckStop {
     pub place: Point2<f64>,
     /// The stop of the survey at whose place it is.
     pub again: Option<usize>,
-    /// Who sees it there.
+    /// Cameras that see it there.
     pub seen_by: Vec<usize>,
 }
 
 impl Checks<'_> {
-    /// Stops after those of a walk, `most` at most: one after the other that which lowers the levels of
-    /// whoever wants that most, for the way that it takes. With what is known after them. Whoever wants
-    /// one although the survey says that it is checked gets one all the same.
+    /// Stops after those of a walk, `most` at most, with what is known after them. Each stop is the one that most
+    /// lowers the levels of the camera that wants that most, for the way that it takes. A camera that wants one
+    /// although the survey says that it is checked gets one all the same.
     pub fn stops(&self, begun: Redundancy, most: usize) -> (Vec<CheckStop>, Redundancy) {
         let mut now = begun;
         let mut stops = Vec::new();
         let candidates = self.candidates(now.survey());
         let wishing: Vec<usize> = self.wishes.iter().map(|wish| wish.camera).collect();
-        // What is enough for one camera does not outweigh another one.
+        // A camera that has enough does not outweigh another one.
         let is_foretold = self.are_checked(&now);
         let (enough, least) = match is_foretold {
             false => (ENOUGH / 2.0, LEAST_GAIN * wishing.len() as f64),
@@ -98,7 +98,7 @@ impl Checks<'_> {
         (stops, now)
     }
 
-    /// Whether nobody wants more.
+    /// Returns true if no camera wants more.
     pub(in super::super) fn are_checked(&self, walk: &Redundancy) -> bool {
         let wishing: Vec<usize> = self.wishes.iter().map(|wish| wish.camera).collect();
         let levels = walk.levels(&wishing);

@@ -1,10 +1,10 @@
-//! What one wrong measurement of a walk could do unnoticed, and where to stop so that it cannot do much.
+//! Effect of one unnoticed wrong measurement of a walk, and where to stop so that it cannot do much.
 //!
 //! The covariance of everything that is unknown (carrier, references' headings, cameras, stops) from
 //! bearings and legs, as the [joint estimator](calib_core::joint) has them, but dense and in double
-//! precision: then a further stop is an update of a few ranks, and hundreds of them can be tried. What
-//! is measured does not matter, only who saw what from where, so a walk that is only planned has its
-//! protection levels too. The tests hold them against those of the estimator.
+//! precision: then a further stop is an update of a few ranks, and hundreds of them can be tried. The measured
+//! values do not matter, only who saw what from where, so a walk that is only planned has its protection
+//! levels too. The tests hold them against those of the estimator.
 
 use calib_core::Pose;
 use nalgebra::{Matrix2, Point2, Vector2};
@@ -22,13 +22,13 @@ pub use checks::{CheckStop, CheckWish, Checks, way_around};
 const DETECTED: f64 = 4.42 + RARE;
 /// Noise exceeds so many sigmas once in a thousand.
 pub const RARE: f64 = 3.09;
-/// What is less checked than this counts as this much, as there.
+/// A redundancy below this counts as this much, as there.
 const LEAST_REDUNDANCY: f64 = 1e-4;
-/// What is less checked than this is not checked at all, as there.
+/// A measurement of less redundancy than this is not checked at all, as there.
 pub const UNCHECKED: f64 = 0.02;
 /// Nothing is known better, as a target believes: rounding.
 const LEAST_SIGMA: f64 = 1e-3;
-/// Of what nothing is known: so many ranges, and radians.
+/// Sigma of an unknown value: so many ranges, and radians.
 const VAGUE: f64 = 100.0;
 
 /// Unknowns that every survey has: scale and compass of the carrier, headings of the references.
@@ -36,16 +36,16 @@ const COMMON: usize = 4;
 const SCALE: usize = 0;
 const COMPASS: usize = 1;
 
-/// How well a carrier measures its way.
+/// Accuracy with which a carrier measures its way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps {
     /// Standard deviation of the constant error of distances, as a share of them.
     pub scale: f64,
-    /// That of directions, radians.
+    /// Standard deviation of the constant error of directions, radians.
     pub compass: f64,
     /// Standard deviation of a leg's own error, along and across, as a share of its length.
     pub leg: [f64; 2],
-    /// What is added to that along each axis, whatever its length.
+    /// Standard deviation that is added to that along each axis, whatever its length.
     pub least: f64,
 }
 
@@ -71,7 +71,7 @@ impl Steps {
         self.leg = [shares.get(shares.len() / 2).copied().unwrap_or_default(); 2];
     }
 
-    /// Of a leg of this length and direction.
+    /// Covariance of a leg of this length and direction.
     pub fn covariance(&self, way: Vector2<f64>) -> Matrix2<f64> {
         let least = self.least.hypot(LEAST_SIGMA).powi(2);
         let [along, across] = self.leg.map(|share| share.powi(2));
@@ -93,7 +93,7 @@ pub struct Look {
     pub sigma: f64,
 }
 
-/// What a walk measures.
+/// Measurements of a walk.
 #[derive(Clone, Debug)]
 pub struct Survey {
     /// Where cameras stand and look; the references first.
@@ -105,11 +105,11 @@ pub struct Survey {
     /// Covariance of the way to each stop from the one before, where it was measured; that of the
     /// first one does not matter.
     pub legs: Vec<Option<Matrix2<f64>>>,
-    /// Who sees it where.
+    /// Sightings: which camera sees the target where.
     pub looks: Vec<Look>,
-    /// How the target stands off its stops, each axis, standard deviation.
+    /// Standing sigma of the target at its stops, each axis.
     pub standing: f64,
-    /// Who carries it.
+    /// Accuracy of the carrier's steps.
     pub steps: Steps,
     /// Standard deviation of the first stop's place, where that is known otherwise than from the
     /// references.
@@ -133,22 +133,22 @@ pub enum Measurement {
     },
 }
 
-/// What one wrong measurement could do to a camera's pose.
+/// Most that one wrong measurement could do to a camera's pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
-    /// How far it could move the place.
+    /// Most that it could move the place.
     pub position: f64,
-    /// How far it could turn the heading, radians.
+    /// Most that it could turn the heading, radians.
     pub heading: f64,
-    /// Which measurement could do most.
+    /// Measurement that could do most.
     pub by: Option<Measurement>,
 }
 
-/// What a level may be: place and heading, radians.
+/// Highest allowed level: place and heading, radians.
 pub type Tolerance = [f64; 2];
 
 impl Level {
-    /// The level over what is tolerated.
+    /// The level as a share of the tolerated one.
     pub fn share(&self, tolerance: Tolerance) -> f64 {
         let [position, heading] = tolerance;
         (self.position / position).max(self.heading / heading)
@@ -217,7 +217,7 @@ impl Row {
     }
 }
 
-/// What a survey determines, and how well it is checked.
+/// Unknowns that a survey determines, and how well they are checked.
 #[derive(Clone, Debug)]
 pub struct Redundancy {
     survey: Survey,
@@ -263,7 +263,7 @@ impl Survey {
         Some(row)
     }
 
-    /// What changes of a way when the carrier's scale and compass do.
+    /// Change of a way with the carrier's scale and compass.
     fn by_carrier(way: Vector2<f64>) -> Matrix2<f64> {
         Matrix2::from_columns(&[way, Vector2::new(-way.y, way.x)])
     }
@@ -334,7 +334,7 @@ impl Survey {
 }
 
 impl Redundancy {
-    /// What was looked at.
+    /// Survey that was looked at.
     pub fn survey(&self) -> &Survey {
         &self.survey
     }
@@ -360,7 +360,7 @@ impl Redundancy {
         shares
     }
 
-    /// What one wrong measurement could do to each of these cameras, references left out.
+    /// Most that one wrong measurement could do to each of these cameras, references left out.
     pub fn levels(&self, cameras: &[usize]) -> Vec<Level> {
         let sizes: Vec<f64> = { self.rows.iter() }
             .map(|row| {
@@ -375,7 +375,7 @@ impl Redundancy {
             let own = [0, 1, 2].map(|n| self.covariance.row(column + n));
             for (row, size) in self.rows.iter().zip(&sizes) {
                 let [x, y, turn] = own.map(|own| row.along(own) * size);
-                // Of the place the square: there are many rows, and roots take long.
+                // The square of the place is compared: there are many rows, and roots take long.
                 for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
                     if now > worst.0 {
                         *worst = (now, Some(row.of));
@@ -385,7 +385,7 @@ impl Redundancy {
             position.0 = f64::sqrt(position.0);
             let noise = RARE * (variance(0) + variance(1)).sqrt();
             let turned = RARE * variance(2).sqrt();
-            // What turns it most matters where it turns it by more than it moves it, seen from afar.
+            // The measurement that turns it most matters if it turns it by more than it moves it, seen from afar.
             let by = if heading.0 * self.survey.range > position.0 {
                 heading.1
             } else {

@@ -44,7 +44,7 @@ fn survey(seed: u64, stops: usize) -> Survey {
         .collect();
     let looks = { 0..stops.len() }
         .flat_map(|stop| (0..cameras.len()).map(move |camera| (stop, camera)))
-        // The references see the first stops, and everybody about half of the others.
+        // The references see the first stops, and all cameras see about half of the others.
         .filter(|&(stop, camera)| (stop < 4 && camera < 2) || random.random_bool(0.5))
         .map(|(stop, camera)| Look {
             stop,
@@ -64,7 +64,7 @@ fn survey(seed: u64, stops: usize) -> Survey {
     }
 }
 
-/// What the estimator that nodes run says of measurements without errors: of each camera that is no
+/// Results of the estimator that nodes run, from measurements without errors: of each camera that is no
 /// reference, place and heading; of each bearing its redundancy.
 fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
     let settings = JointSettings {
@@ -205,8 +205,8 @@ fn three_sightings_check_nothing_and_four_do() {
     assert!(four.levels(&[2])[0].position < level.position / 2.0);
 }
 
-/// Cameras 2 to 5 know the second half of the walk only through one leg: nothing checks it until
-/// somebody walks back.
+/// Cameras 2 to 5 know the second half of the walk only through one leg: nothing checks it until the target
+/// walks back.
 #[test]
 fn a_leg_that_alone_ties_two_halves_is_checked_by_walking_back() {
     let mut survey = survey(5, 16);

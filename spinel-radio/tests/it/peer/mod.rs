@@ -1,4 +1,4 @@
-//! An `ot-rcp` process on a pseudo-terminal, and what drives async code beside it.
+//! An `ot-rcp` process on a pseudo-terminal, and the means to drive async code beside it.
 
 use std::{
     env,
@@ -30,7 +30,7 @@ const HANGS: Duration = Duration::from_secs(600);
 
 pub(crate) type Rcp = SpinelRadio<Uart, StdClock>;
 
-/// Ports of a medium that nobody else hears: the one of the medium, and one for each node.
+/// Ports of a medium that no other process hears: the one of the medium, and one for each node.
 pub(crate) struct Air {
     base: u16,
     /// `ot-rcp` keeps a file where it runs.

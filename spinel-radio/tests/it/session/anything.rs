@@ -47,7 +47,7 @@ fn request(number: u8) -> RcpRequest<'static> {
 }
 
 proptest! {
-    /// Whatever has happened, a co-processor that works again is brought to work.
+    /// After any events, a co-processor that works again is brought to work.
     #[test]
     fn recovers_from_anything(happenings in vec(happening(), 0..60)) {
         let mut bench = Bench::new();
@@ -75,7 +75,7 @@ proptest! {
                 }
             }
         }
-        // What is left over of the last command may spoil one exchange, not the request.
+        // The rest of the last command may spoil one exchange, not the request.
         prop_assert_eq!(bench.run(RcpRequest::Configure(CONFIG), works), Ok(RcpOutcome::Configured));
         prop_assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), SENT);
     }

@@ -25,7 +25,7 @@ pub(crate) const CONFIG: RadioConfig = RadioConfig {
     promiscuous: false,
 };
 pub(crate) const POLICY: RcpPolicy = RcpPolicy::DEFAULT;
-/// For everybody of the PAN, and for one device.
+/// For all of the PAN, and for one device.
 pub(crate) const BROADCAST: &[u8] = &[0x41, 0x88, 7, 0x34, 0x12, 0xFF, 0xFF, 1, 0, b'h', b'i'];
 pub(crate) const UNICAST: &[u8] = &[0x41, 0x88, 7, 0x34, 0x12, 9, 0, 1, 0, b'h', b'i'];
 pub(crate) const SENT: Result<RcpOutcome, RcpFault> = Ok(RcpOutcome::Transmitted(TxOutcome::Sent));
@@ -35,7 +35,7 @@ pub(crate) struct Bench {
     pub(crate) session: RcpSession<2>,
     pub(crate) now: Instant,
     pub(crate) decoder: hdlc::Decoder<256>,
-    /// What the session has sent.
+    /// Frames that the session has sent.
     pub(crate) heard: Vec<Vec<u8>>,
 }
 
@@ -57,7 +57,7 @@ impl Bench {
         bench
     }
 
-    /// Until the session waits; returns whether it has sent something.
+    /// Runs until the session waits; returns true if it has sent something.
     pub(crate) fn exchange(
         &mut self,
         peer: &mut impl FnMut(&SpinelMessage<'_>) -> Vec<u8>,

@@ -51,7 +51,7 @@ fn a_restart_is_repaired_before_the_request_goes_on() {
     assert_eq!(bench.heard.len(), 16);
 }
 
-/// A request has all its attempts, whatever an earlier one that was dropped has used up.
+/// A request has all its attempts, even if an earlier one that was dropped has used up some.
 #[test]
 fn attempts_are_counted_anew() {
     for second in [RcpRequest::Transmit(UNICAST), RcpRequest::Configure(CONFIG)] {
@@ -165,7 +165,7 @@ fn listening_restores() {
     bench.session.begin(RcpRequest::Listen, bench.now);
     assert_eq!(bench.session.deadline(), None);
     bench.session.input(&restart(), bench.now);
-    // DroppedFrames and called again in the middle.
+    // Dropped and called again in the middle.
     for _ in 0..5 {
         assert!(bench.exchange(&mut works));
         bench.session.begin(RcpRequest::Listen, bench.now);
@@ -197,7 +197,7 @@ fn a_transmission_that_was_given_up_is_waited_for() {
         first = Some(message.header.tid);
         Vec::new()
     }));
-    // DroppedFrames. The next one is held back ...
+    // Dropped. The next one is held back ...
     bench
         .session
         .begin(RcpRequest::Transmit(UNICAST), bench.now);

@@ -38,7 +38,7 @@ pub struct Station {
     pub config: Option<RadioConfig>,
     /// Neither hears nor is heard.
     pub is_out_of_range: bool,
-    /// How strongly it is heard.
+    /// Strength with which it is heard.
     pub strength: u8,
     /// All that it wrote down.
     pub written: Vec<Record>,
@@ -152,7 +152,7 @@ impl Aether {
         self.restart(place);
     }
 
-    /// Does the next thing a station wants. Whether there was one.
+    /// Does the next thing a station wants. Returns true if there was one.
     fn act(&mut self, place: usize) -> bool {
         let mut buffer = [0; FRAME_MAX];
         let station = &mut self.stations[place];

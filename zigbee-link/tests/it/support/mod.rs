@@ -1,4 +1,4 @@
-//! What the tests of this crate share.
+//! Items that the tests of this crate share.
 #![allow(
     dead_code,
     unreachable_pub,

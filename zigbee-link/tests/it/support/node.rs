@@ -1,4 +1,4 @@
-//! What a whole node is made of.
+//! Parts of a whole node.
 
 use embassy_futures::block_on;
 use virtual_bench::{

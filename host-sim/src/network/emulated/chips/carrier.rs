@@ -1,15 +1,15 @@
-//! Who carries a target, as the sensors on the belt feel it.
+//! The carrier of a target, as the sensors on the belt feel it.
 //!
-//! A step that the simulation's step sensor reports is made by a body: it turns to where the step goes,
-//! and rises and falls once, the more the longer the step is (Weinberg, as in `pedestrian::StepLength`, of
-//! which the page has the carrier's `K`). What the sensor's chips make of that, and the image of them, is
-//! theirs: it takes a step for a tenth of it uncertain, which no scenario changes. So a step that is reported with an error is made with it, and marks on the
-//! floor, of which a scenario without measurements reports the ways from one to the next, are reached by
-//! steps that are exactly as long.
+//! A body makes each step that the simulation's step sensor reports: it turns to where the step goes, and
+//! rises and falls once, the more the longer the step is (Weinberg, as in `pedestrian::StepLength`; the page
+//! has the carrier's `K`). The sensor's chips and the image measure this motion themselves. The image takes
+//! a tenth of a step as its uncertainty, which no scenario changes. So the body makes a step with the error
+//! with which it is reported. A scenario without measurements reports the ways from one mark on the floor
+//! to the next: steps that are exactly as long reach the marks.
 //!
 //! Bodies do not walk 25 millimetres a step, or a tenth of one unit. Where the `K` of the page and the
-//! length of the scenario's steps are not those of anybody who walks, the page gets the `K` of a carrier whose
-//! usual step this is, as somebody who calibrates it would write there.
+//! length of the scenario's steps are not those of a person who walks, the page gets the `K` of a carrier
+//! whose usual step this is, as a person who calibrates it would write there.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -20,26 +20,26 @@ use super::outside::Motion;
 
 const SECOND: f64 = 1e9;
 const GRAVITY: f64 = 9.806_65;
-/// Of the earth, in the middle of Europe: to the north, and up, uT.
+/// Magnetic field of the earth in the middle of Europe: to the north, and up, uT.
 const FIELD: [f64; 2] = [20.0, -43.0];
 
-/// How long a step takes: a usual one.
+/// Duration of a usual step.
 const STEP: Time = 500_000_000;
-/// How fast the body turns, rad/s: less than the gyroscope's range of 8.7.
+/// Angular rate at which the body turns, rad/s: less than the gyroscope's range of 8.7.
 const TURN: f64 = 5.0;
-/// Turns that are not worth one, rad.
+/// Smaller turns are left out, rad.
 const STRAIGHT: f64 = 1e-4;
-/// How far apart the motions are that are told while it moves.
+/// Time between two motions that are told while it moves.
 const TICK: Time = 4_000_000;
-/// It begins so long after it was told to: chips have gone on meanwhile.
+/// Delay from an order to its motion: chips have gone on meanwhile.
 const NOTICE: Time = 1_000_000;
 
-/// How much up and down of usual steps, m/s^2: an adult's. And of any steps whose last one is still told from
-/// standing, and that leave the feet on the ground.
+/// Amplitude of the up and down of usual steps, m/s^2: an adult's. And its range for any steps: the last step
+/// can still be told from standing, and the feet stay on the ground.
 const USUAL: f64 = 4.0;
 const SWINGS: [f64; 2] = [1.1, 9.0];
-/// What is left of a swing of two steps a second where the `K` of a page belongs: behind two low-passes of
-/// 3 Hz (`cutoff` of `pedestrian::StepDetectorSettings`), of first order at 52 Hz.
+/// Share that is left of a swing at two steps a second where the `K` of a page applies: behind two low-passes
+/// of 3 Hz (`cutoff` of `pedestrian::StepDetectorSettings`), of first order at 52 Hz.
 const LEFT: f64 = 0.624;
 
 /// A carrier.
@@ -47,16 +47,16 @@ const LEFT: f64 = 0.624;
 pub(super) struct Carrier {
     /// Its `K`, in the scenario's unit over (m/s^2)^(1/4).
     pub(super) step_length: f32,
-    /// What is magnetic about it, uT.
+    /// Magnetic field of its own parts, uT.
     hard_iron: [f64; 3],
-    /// Where it faces, as the sensor counts: counter-clockwise from magnetic east.
+    /// Direction that it faces, as the sensor counts: counter-clockwise from magnetic east.
     facing: f64,
-    /// Until when it moves.
+    /// Time until which it moves.
     until: Time,
 }
 
 impl Carrier {
-    /// One whose usual steps are so long, with a page that says this of it.
+    /// A carrier with usual steps of this length, and with the page's values.
     pub(super) fn new(usual: f64, step_length: f32, hard_iron: [f32; 3]) -> Self {
         let amplitude = amplitude(usual, step_length.into());
         let [least, most] = SWINGS;
@@ -70,13 +70,13 @@ impl Carrier {
         }
     }
 
-    /// It stands, from a time on.
+    /// Stands, from a time on.
     pub(super) fn stand(&mut self, now: Time) -> Motion {
         self.until = now;
         self.motion(now, 0.0, 0.0)
     }
 
-    /// It makes a step once it has made those before.
+    /// Makes a step once it has made those before.
     pub(super) fn step(&mut self, now: Time, step: &Step<f32>) -> Vec<Motion> {
         let mut motions = Vec::new();
         let begin = self.until.max(now + NOTICE);
@@ -110,7 +110,7 @@ impl Carrier {
 
     fn motion(&self, at: Time, rise: f64, turn: f64) -> Motion {
         let [north, up] = FIELD;
-        // Where north is, from forward to the left.
+        // Direction of north, from forward to the left.
         let (left, forward) = (PI / 2.0 - self.facing).sin_cos();
         let [x, y, z] = self.hard_iron;
         Motion {
@@ -122,7 +122,7 @@ impl Carrier {
     }
 }
 
-/// By how much a body rises and falls in such a step, m/s^2.
+/// Amplitude with which a body rises and falls in such a step, m/s^2.
 fn amplitude(distance: f64, step_length: f64) -> f64 {
     (distance / step_length).powi(4) / (2.0 * LEFT)
 }
@@ -136,7 +136,7 @@ mod tests {
 
     use super::*;
 
-    /// What somebody who wears sensors makes of these motions, at 52 Hz.
+    /// Steps that a person who wears the sensors makes of these motions, at 52 Hz.
     fn felt(carrier: &Carrier, motions: &[Motion], until: Time) -> Vec<Step<f64>> {
         let length = StepLength {
             k: carrier.step_length.into(),
@@ -163,9 +163,9 @@ mod tests {
         steps.collect()
     }
 
-    /// Ways of several steps in all directions are felt as they are told, but for a hundredth of them and a tenth
-    /// of a step, for the first one begins at rest; also where the page has a real person's `K`, and where it has
-    /// none for such steps.
+    /// Ways of several steps in all directions are felt as they are told, up to a hundredth of them and a tenth
+    /// of a step, because the first one begins at rest. This also holds where the page has a real person's `K`,
+    /// and where it has none for such steps.
     #[test]
     fn what_is_told_is_felt() {
         for (usual, step_length) in [(1.0, 0.45), (0.1, 0.45), (0.7, 0.45), (0.5, 0.36)] {

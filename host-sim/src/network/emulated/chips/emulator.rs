@@ -32,12 +32,12 @@ const BELOW: u32 = 10;
 /// A chip, with power or without.
 #[derive(Default)]
 struct Chip {
-    /// What its flash held when its power went, and what else was known then.
+    /// Contents of its flash when its power went, and what else was known then.
     flash: Vec<Contents>,
     end: End,
-    /// What it has said of its next line of the log.
+    /// Bytes that it has sent of the next line of its log.
     log: Vec<u8>,
-    /// What its clocks show, and what its step sensor feels by them.
+    /// Time on its clocks, and the motions that its step sensor feels by them.
     time: Time,
     world: Arc<Samples>,
     is_worn: bool,
@@ -46,18 +46,18 @@ struct Chip {
 /// All chips of a simulation.
 pub(super) struct Chips {
     image: PathBuf,
-    /// What makes text of what the program logs.
+    /// Table that turns the program's log into text.
     table: Arc<Table>,
     network: Network,
     all: BTreeMap<u32, Chip>,
-    /// What those leave whose power has just gone.
+    /// Deeds that chips leave whose power has just gone.
     left: Vec<(u64, u32, Deed)>,
-    /// Which of them waits for GDB, at which port, and until when.
+    /// The chip that waits for GDB, its port, and the flag that ends this.
     debugged: Option<(u32, u16, Arc<AtomicBool>)>,
 }
 
 impl Chips {
-    /// Chips with this program, of which these are the bytes; none if what it logs cannot be read.
+    /// Chips with this program, of which these are the bytes; `None` if its log cannot be read.
     pub(super) fn new(image: PathBuf, bytes: &[u8]) -> Option<Self> {
         let table = Table::parse(bytes).ok().flatten();
         let table = table.filter(|table| table.encoding() == Encoding::Rzcobs)?;
@@ -187,7 +187,7 @@ impl Chips {
                 self.network.input(index, Input::Pulls(at, port, low));
             }
             Order::Rot(bits) => {
-                // Without power there is what its power left.
+                // Without power, bits flip in the contents that it left.
                 if let Some(chip) = self.all.get_mut(&number) {
                     chip.rot(&bits);
                 }
@@ -207,7 +207,7 @@ impl Chips {
         }
     }
 
-    /// It waits for GDB no longer, and goes on no more.
+    /// Returns true if it waits for GDB no longer, and does not go on.
     fn is_given_up(&self, number: u32) -> bool {
         let debugged = self.debugged.as_ref();
         debugged.is_some_and(|(chip, _, end)| *chip == number && end.load(Ordering::Relaxed))
@@ -246,7 +246,7 @@ impl Emulator for Chips {
                 emulator::Deed::Uart(wires) => Deed::Uart(seen(wires)),
                 emulator::Deed::I2c(wires) => Deed::I2c(seen(wires)),
                 emulator::Deed::Reset(by, has_settings) => Deed::Restarts { by, has_settings },
-                // It was to.
+                // This failure was ordered.
                 emulator::Deed::Fails(_) if self.is_given_up(number) => continue,
                 emulator::Deed::Fails(why) => Deed::Fails(why),
                 emulator::Deed::Log(bytes) => {
@@ -266,7 +266,7 @@ impl Emulator for Chips {
         }
     }
 
-    /// What is in those flashes that have changed since.
+    /// Contents of those flashes that have changed since the last call.
     fn look(&mut self) -> Reports {
         let reached = self.network.reached();
         let numbers = self.all.keys().copied();
@@ -308,16 +308,16 @@ fn frequency(channel: u8) -> u32 {
 }
 
 impl Chip {
-    /// Its power has gone.
+    /// Takes in the end of its power.
     fn ends(&mut self, outcome: Outcome) {
-        // Nothing is known of one that was given up.
+        // A chip that was given up leaves nothing.
         if !outcome.flash.is_empty() {
             self.flash.clone_from(&outcome.flash);
         }
         self.end.add(end(outcome));
     }
 
-    /// Its step sensor moves: the bus asks for that by the chip's own clock.
+    /// Moves its step sensor: the bus asks for the motion by the chip's own clock.
     fn moves(&self, motions: &[Motion]) {
         for motion in motions {
             let known = device::Motion {
@@ -329,7 +329,7 @@ impl Chip {
         }
     }
 
-    /// Bits flip in what it left.
+    /// Flips bits in the flash that it left.
     fn rot(&mut self, bits: &[(u64, u8)]) {
         for (address, bit) in bits {
             let place = self.flash.iter_mut().find_map(|(start, known)| {
@@ -341,7 +341,7 @@ impl Chip {
         }
     }
 
-    /// What the bytes complete of its log.
+    /// Lines of its log that these bytes complete.
     fn lines(&mut self, bytes: &[u8], table: &Table) -> Vec<String> {
         self.log.extend(bytes);
         // Each line ends with the only zero in it.
@@ -359,7 +359,7 @@ impl Chip {
                     let text = format!("{level} {}", frame.display_message());
                     lines.push(text.trim_start().to_owned());
                 }
-                // A restart tears what was being said.
+                // A restart cuts a line off.
                 Err(DecodeError::Malformed) => {}
                 Err(DecodeError::UnexpectedEof) => return lines,
             }
@@ -372,7 +372,7 @@ fn seen(wires: emulator::Wires) -> Wires {
     Wires { pins, rate }
 }
 
-/// Puts bytes where they belong; where nothing is known yet, the flash is blank.
+/// Puts bytes where they belong; unknown parts of the flash are blank.
 fn program(flash: &mut Vec<Contents>, address: u64, bytes: &[u8]) {
     let place = flash.iter_mut().find_map(|(start, known)| {
         let offset = usize::try_from(address.checked_sub(*start)?).ok()?;
@@ -406,7 +406,7 @@ fn end(outcome: Outcome) -> End {
 mod tests {
     use super::*;
 
-    /// After hours, too, a carrier's motion begins when it is told, and not when a clock that is wrong shows that time.
+    /// After hours, too, a carrier's motion begins when it is told, and not when a wrong clock shows that time.
     #[test]
     fn motion_is_felt_when_it_begins() {
         let hour = 3_600_000_000_000;

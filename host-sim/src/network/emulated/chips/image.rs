@@ -1,14 +1,14 @@
-//! Whether a file is an image for these chips.
+//! Check that a file is an image for these chips.
 
 use std::ops::RangeInclusive;
 
 use object::{Architecture, Object, ObjectSegment};
 
-/// Of an nRF52840 ("Memory map" of the Product Specification): where the stack may begin, and its flash.
+/// Memory of an nRF52840 (Product Specification, "Memory map"): where the stack may begin, and the flash.
 const STACKS: RangeInclusive<u32> = 0x2000_0000..=0x2004_0000;
 const FLASH: u32 = 0x10_0000;
 
-/// An ELF file for ARM with vectors at the beginning of the flash, and with what is needed to read its log.
+/// Returns true for an ELF file for ARM with vectors at the beginning of the flash, and a log that can be read.
 pub(super) fn is_ours(bytes: &[u8]) -> bool {
     let Ok(file) = object::File::parse(bytes) else {
         return false;
@@ -18,7 +18,7 @@ pub(super) fn is_ours(bytes: &[u8]) -> bool {
         && has_vectors(&file) == Some(true)
 }
 
-/// The stack, and the first instruction, whose lowest bit says that it is Thumb.
+/// Checks the stack, and the first instruction, whose lowest bit says that it is Thumb.
 fn has_vectors(file: &object::File<'_>) -> Option<bool> {
     let mut segments = file.segments();
     let segment = segments.find(|segment| segment.address() == 0 && segment.size() > 0)?;

@@ -1,14 +1,14 @@
 //! Nodes on emulated nRF52840s, which run the image that is flashed, in virtual time.
 //!
-//! What is outside a board is here: the medium, cameras and consoles at the far end of lines, lamps. The chips
-//! themselves are behind [`Emulator`]: those of the crate `nrf52840-emulator`, which only the feature `chip`
-//! builds. Each side goes on until it does something that the other one sees; [`Outside`] is where the executor
-//! waits for the chips. The same scenario goes the same way each time.
+//! The world outside a board is here: the medium, cameras and consoles at the far end of lines, lamps. The
+//! chips themselves are behind [`Emulator`]: those of the crate `nrf52840-emulator`, which only the feature
+//! `chip` builds. Each side goes on until it does something that the other one sees; in [`Outside`] the
+//! executor waits for the chips. The same scenario goes the same way each time.
 //!
 //! A target's steps are made by a [`carrier`], whose motion the chips of its step sensor feel.
 //!
-//! Nobody watches such a node from within. What it has written down is read from its flash as the run goes on,
-//! which changes nothing for the chips.
+//! Such a node is not watched from within. Its notes are read from its flash as the run goes on, which
+//! changes nothing for the chips.
 //!
 //! Bytes come to a chip once all of a burst have come to the end of the simulated line, as far apart as they
 //! were there.
@@ -64,18 +64,18 @@ use super::{
     EmulatorError, Surroundings, memory,
 };
 
-/// Where `cargo xtask firmware` puts the image.
+/// Path at which `cargo xtask firmware` puts the image.
 pub const CHIP_IMAGE: &str = "target/firmware/nrf52840-node.elf";
 
-/// A frame is heard so long after it is told: chips stand still between two instructions.
+/// Delay from the report of a frame to its start: chips stand still between two instructions.
 const NOTICE: Time = 1_000;
 
-/// Bytes that are read from a line at once.
+/// Number of bytes that are read from a line at once.
 const BURST: usize = 64;
 
 const SECOND: Time = 1_000_000_000;
 
-/// Of a frame on the air: bytes before its PSDU, and what each takes (IEEE 802.15.4-2020, 12.1, 12.3.3).
+/// Bytes of a frame on the air before its PSDU, and time of each byte (IEEE 802.15.4-2020, 12.1, 12.3.3).
 const PHY_HEADER: Time = 6;
 const AIR_PER_BYTE: Time = 32_000;
 
@@ -83,9 +83,9 @@ const AIR_PER_BYTE: Time = 32_000;
 /// seen, calibrated, may walk (`boards/nrf52840/src/board.rs`).
 const LAMPS: [u32; 4] = [13, 14, 15, 16];
 
-/// And to buttons: the one that lets devices join, and the one that has a camera learn a colour.
+/// Pins of its buttons: the one that lets devices join, and the one that has a camera learn a colour.
 const BUTTONS: [u32; 2] = [11, 12];
-/// How long somebody presses a button.
+/// Time for which a button is pressed.
 const PRESSED: Time = 200_000_000;
 
 /// Chips with their program, ready to run.
@@ -95,7 +95,7 @@ impl Chips {
     /// Emulated nRF52840s that run this image.
     ///
     /// # Errors
-    /// The image is missing or none, or this program was built without them.
+    /// The image is missing or is not for these chips, or this program was built without them.
     #[cfg(feature = "chip")]
     pub fn of(image: &Path) -> Result<Self, EmulatorError> {
         let found = image.canonicalize().ok().filter(|image| image.is_file());
@@ -122,13 +122,13 @@ impl Chips {
         Err(EmulatorError::NotIncluded)
     }
 
-    /// Chips that something else stands for.
+    /// Chips of another emulator.
     pub fn emulated_by(emulator: impl Emulator + 'static) -> Self {
         Self(Box::new(emulator))
     }
 
-    /// Whenever power comes to this node its first instruction waits for GDB, which connects to this port
-    /// of this computer, until `end` is set. All others wait while GDB looks at it.
+    /// Lets GDB into this node: whenever power comes, its first instruction waits for GDB, which connects to this
+    /// port of this computer, until `end` is set. All other chips wait while GDB looks at it.
     ///
     /// # Errors
     /// The port is taken.
@@ -138,7 +138,7 @@ impl Chips {
         port: u16,
         end: Arc<AtomicBool>,
     ) -> Result<(), EmulatorError> {
-        // Tried now: the chip does so once it has power.
+        // Tried now: the chip opens the port only once it has power.
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
         drop(listener.map_err(|source| EmulatorError::PortTaken { node, port, source })?);
         self.0.debug(node.into(), port, end);
@@ -146,7 +146,7 @@ impl Chips {
     }
 }
 
-/// What a panic says.
+/// Message of a panic.
 fn message(panic: &(dyn Any + Send)) -> String {
     let text = { panic.downcast_ref::<String>().cloned() }
         .or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
@@ -155,26 +155,26 @@ fn message(panic: &(dyn Any + Send)) -> String {
 
 /// All chips of a simulation.
 pub(in crate::network) struct Pool {
-    /// Until it panics.
+    /// `None` after it has panicked.
     emulator: RefCell<Option<Box<dyn Emulator>>>,
     clock: Clock,
     medium: Medium,
     journal: SharedJournal,
     trouble: Trouble,
     boards: RefCell<BTreeMap<u32, Rc<Board>>>,
-    /// What they did and nobody has seen yet.
+    /// Deeds of the chips that the simulation has not handled yet.
     deeds: RefCell<VecDeque<(Time, u32, Deed)>>,
     queue: Rc<Queue>,
     is_over: Cell<bool>,
 }
 
-/// What happens to chips, until they are told.
+/// Orders for chips, until they are passed on.
 #[derive(Default)]
 struct Queue {
     orders: RefCell<Vec<(u32, Order)>>,
-    /// Until when all chips have run.
+    /// Time until which all chips have run.
     reached: Cell<Time>,
-    /// When the first of them does something next, unless something is ordered.
+    /// Time at which the first chip does something next, unless something is ordered.
     next: Cell<Time>,
 }
 
@@ -206,8 +206,8 @@ impl Pool {
         })
     }
 
-    /// A board that is still switched off, with its configuration, and clocks that run faster than true, 1e-9.
-    /// `step_length` is that of the steps which are reported, if it is a target's.
+    /// A board that is still switched off, with its configuration, and clocks that run faster than true by this
+    /// many parts in 1e9. `step_length` is that of the steps which are reported, if it is a target's.
     pub(in crate::network) fn board(
         &self,
         config: &CheckedConfig,
@@ -241,14 +241,14 @@ impl Pool {
         board
     }
 
-    /// It cannot go on, nor can the simulation.
+    /// Notes that a board cannot go on; then the simulation cannot either.
     fn stops(&self, board: &Board, error: EmulatorError) {
         let mut journal = self.journal.borrow_mut();
         journal.failed(board.config.id, &error.to_string());
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
-    /// All chips lose their power: what is known of them in the end can be asked for from now on.
+    /// Takes the power of all chips: their ends can be asked for from now on.
     pub(in crate::network) fn end(&self) {
         if self.is_over.replace(true) {
             return;
@@ -269,8 +269,8 @@ impl Pool {
         }
     }
 
-    /// What chips with power have written in their flash can be asked for from now on, as it is now. Whether any
-    /// of it is not what it was. The chips go on as if nobody had looked.
+    /// Reads the flash of all chips with power, so that its contents can be asked for. Returns true if any of it
+    /// has changed. The chips do not notice this.
     pub(in crate::network) fn look(&self) -> bool {
         if self.is_over.get() {
             return false;
@@ -280,12 +280,12 @@ impl Pool {
             Err(error) => self.fail(error),
         }
         let boards = self.boards.borrow();
-        // All of them.
+        // Every flag is taken, not only the first.
         let changed = boards.values().filter(|board| board.has_changed.take());
         changed.count() > 0
     }
 
-    /// Takes what chips did, to be seen at its time.
+    /// Takes the deeds of chips, to be seen at their times.
     fn take(&self, reports: Reports) {
         self.queue.reached.set(reports.reached);
         self.queue.next.set(reports.next);
@@ -309,7 +309,7 @@ impl Pool {
             .sort_by_key(|(at, number, _)| (*at, *number));
     }
 
-    /// What comes from its flash has to have what the image writes there, or nothing would ever be found.
+    /// Checks that contents of a flash include the image's memory; otherwise none would ever be found.
     fn looks(&self, board: &Board, contents: &[Contents]) {
         if !contents.is_empty() && memory_in(contents).is_none() {
             let id = board.config.id;
@@ -326,7 +326,7 @@ impl Pool {
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
-    /// Has chips do something: what comes of it. A panic of what emulates them ends it, and nothing else.
+    /// Has chips do something; returns what comes of it. A panic of the emulator ends it, and nothing else.
     fn ask(
         &self,
         what: impl FnOnce(&mut dyn Emulator) -> Reports,
@@ -336,7 +336,7 @@ impl Pool {
             return Ok(Reports::default());
         };
         catch_unwind(AssertUnwindSafe(|| what(chips.as_mut()))).map_err(|panic| {
-            // It may wait for ever for what will not come any more.
+            // To drop it could wait for ever.
             mem::forget(emulator.take());
             EmulatorError::Panicked(message(panic.as_ref()))
         })
@@ -414,7 +414,7 @@ impl Pool {
 }
 
 impl Pool {
-    /// What the image logs of its being unable to go on.
+    /// Takes in a line of the log in which the image says why it cannot go on.
     fn says(&self, board: &Board, line: &str) {
         let id = board.config.id;
         if let Some(why) = line.strip_prefix("error no configuration: ") {
@@ -425,13 +425,13 @@ impl Pool {
         } else if let Some(why) = line.strip_prefix("error before that: ")
             && board.has_restarted.take()
         {
-            // It tells only after a restart what that was for.
+            // It tells the reason only after a restart.
             self.journal.borrow_mut().failed_since(id, why);
         }
     }
 }
 
-/// The configuration of a node with what is written there of its carrier, and the carrier of a target.
+/// The node's configuration with the page's entries about its carrier, and the carrier of a target.
 fn carried(
     config: &CheckedConfig,
     step_length: f64,
@@ -450,7 +450,7 @@ fn carried(
     Ok((checked, Some(carrier)))
 }
 
-/// What the image writes, in what chips tell of their flash.
+/// The image's memory, in the contents of a flash.
 fn memory_in(contents: &[Contents]) -> Option<&[u8]> {
     let (start, length) = NRF52840.memory();
     contents.iter().find_map(|(address, bytes)| {
@@ -469,7 +469,7 @@ fn indication(level: u32) -> Indication {
     }
 }
 
-/// Where the executor waits for the chips.
+/// Place where the executor waits for the chips.
 pub(in crate::network) struct Lockstep(pub(in crate::network) Rc<Pool>);
 
 impl Outside for Lockstep {
@@ -478,7 +478,7 @@ impl Outside for Lockstep {
         let now = pool.clock.time();
         let queue = &pool.queue;
         let is_idle = pool.deeds.borrow().is_empty();
-        // Where no chip does anything by then nobody need ask.
+        // If no chip does anything by then, the emulator is not asked.
         if is_idle && queue.next.get() < until && !pool.is_over.get() {
             match pool.run(until) {
                 Ok(reports) => pool.take(reports),
@@ -504,31 +504,31 @@ impl Outside for Lockstep {
     }
 }
 
-/// A board with such a chip. Its flash outlasts its being switched off.
+/// A board with such a chip. Its flash keeps its contents when it is switched off.
 pub(in crate::network) struct Board {
     config: CheckedConfig,
     drift_ppb: i32,
-    /// Of a target.
+    /// Carrier of a target.
     carrier: RefCell<Option<Carrier>>,
     queue: Rc<Queue>,
-    /// What has gone out on its line.
+    /// Bytes that have gone out on its line.
     bytes: RefCell<VecDeque<u8>>,
     came: Signal<NoopRawMutex, ()>,
     lamps: Signal<NoopRawMutex, Indication>,
-    /// Why it stopped, if it said so since it last started.
+    /// Reason why it stopped, if it said so since it last started.
     last_words: RefCell<String>,
-    /// It may tell yet what its last restart was for.
+    /// It may still tell the reason for its last restart.
     has_restarted: Cell<bool>,
-    /// Until when its last frame is on the air.
+    /// Time until which its last frame is on the air.
     on_air: Cell<Time>,
     /// It is to stand still in the middle of the next work on its flash.
     is_to_stand: Cell<bool>,
-    /// How often it did, how long the last one takes, and who waits for the next.
+    /// Number of times that it stood still and duration of the last time; and tasks that wait for the next one.
     stood: Cell<(u64, Time)>,
     waiting: RefCell<Vec<Waker>>,
     antenna: Cell<Option<virtual_bench::medium::NodeId>>,
     end: RefCell<End>,
-    /// Its flash is not what it was when somebody last looked.
+    /// Its flash has changed since the last look.
     has_changed: Cell<bool>,
 }
 
@@ -565,7 +565,7 @@ impl Board {
         self.config.id.into()
     }
 
-    /// Runs it until it is dropped, which switches it off, or fails.
+    /// Runs the board until this is dropped, which switches it off, or fails.
     pub(in crate::network) async fn run<U: Read + Write>(
         &self,
         surroundings: Surroundings<'_, U>,
@@ -633,12 +633,12 @@ impl Board {
         }
     }
 
-    /// What ten bits take on its line.
+    /// Duration of ten bits on its line.
     fn byte_time(&self) -> Time {
         10 * SECOND / Time::from(self.baud().max(1))
     }
 
-    /// Of its line.
+    /// Rate of its line.
     fn baud(&self) -> u32 {
         match &self.config.role {
             RoleConfig::Camera(camera) => camera.baud,
@@ -646,7 +646,7 @@ impl Board {
         }
     }
 
-    /// Where its line is connected, to send and to receive.
+    /// Pins to which its line is connected, to send and to receive.
     fn uart_pins(&self) -> [u32; 2] {
         match &self.config.role {
             RoleConfig::Coordinator(_) => wires::CONSOLE,
@@ -654,7 +654,7 @@ impl Board {
         }
     }
 
-    /// Bits of the part of its flash that it writes flip.
+    /// Flips bits of the part of its flash that it writes.
     pub(in crate::network) fn rot(&self, bits: u32, random: &mut impl Rng) {
         let (start, length) = NRF52840.memory();
         let mut flip = || {
@@ -665,7 +665,7 @@ impl Board {
         self.queue.push(self.number(), Order::Rot(bits));
     }
 
-    /// Somebody connects the pin of a button to ground for a moment.
+    /// Connects the pin of a button to ground for a moment.
     pub(in crate::network) fn press(&self, clock: &Clock, button: Button) {
         let pin = match button {
             Button::JoinWindow => BUTTONS[0],
@@ -678,12 +678,12 @@ impl Board {
         }
     }
 
-    /// Its flash keeps what it holds from now on.
+    /// Its flash keeps its present contents from now on.
     pub(in crate::network) fn wear_out(&self) {
         self.queue.push(self.number(), Order::WearOut);
     }
 
-    /// Something is on these channels until a time, where it has power.
+    /// Jams these channels until a time, where it has power.
     pub(in crate::network) fn jam(&self, until: Time, channels: &[Channel]) {
         for channel in channels {
             let channel = Some(channel.number());
@@ -700,12 +700,12 @@ impl Board {
     }
 
     /// Waits until its chip works on its flash, and has it stand still in the middle of that: its power is about
-    /// to go. How long that would have taken.
+    /// to go. Returns how long the work would have taken.
     pub(in crate::network) async fn next_write(&self) -> Time {
         self.is_to_stand.set(true);
         self.queue.push(self.number(), Order::StandInWrite);
         let (before, _) = self.stood.get();
-        // Several may wait.
+        // Several tasks may wait.
         poll_fn(|context| {
             let (often, takes) = self.stood.get();
             if often != before {
@@ -717,12 +717,12 @@ impl Board {
         .await
     }
 
-    /// What is known of its chip, once the simulation has ended.
+    /// Summary of its chip, once the simulation has ended.
     pub(in crate::network) fn end(&self) -> End {
         self.end.borrow().clone()
     }
 
-    /// Tells its chip what arrives.
+    /// Tells its chip of frames that arrive.
     fn ear(&self, clock: &Clock) -> impl FnMut(Arrival<'_>) + 'static {
         let (queue, clock, number) = (self.queue.clone(), clock.clone(), self.number());
         move |arrival| {
@@ -733,7 +733,7 @@ impl Board {
             };
             let reception = Reception {
                 from: arrival.from.0,
-                // Saturating.
+                // The conversion saturates.
                 level: arrival.strength.round() as i8,
                 is_lost: arrival.lost.is_some(),
                 is_faint: arrival.lost == Some(Reason::OutOfRange),
@@ -746,7 +746,7 @@ impl Board {
 
     /// The part of its flash that it writes, from [`memory::LINK`] and the role's on.
     fn memory(&self) -> Vec<u8> {
-        // Nothing, until it was first told.
+        // Empty until the first look.
         memory_in(&self.end.borrow().memory)
             .unwrap_or_default()
             .to_vec()
@@ -757,7 +757,7 @@ impl Board {
         memory::extended(memory::LINK, &self.memory(), clock)
     }
 
-    /// What the node's role has written down, in the order of its records.
+    /// Facts that the node's role has written down, in the order of its records.
     pub(in crate::network) fn facts(&self, clock: &Clock) -> Vec<Fact> {
         memory::facts(&self.memory(), self.config.owner(), clock)
     }

@@ -1,18 +1,18 @@
-//! The two sides of a board: what happens to a chip, and what it does that is seen outside. What emulates chips
-//! is behind [`Emulator`].
+//! The two sides of a board: what happens to a chip, and what it does that is seen outside. The chips'
+//! emulator is behind [`Emulator`].
 //!
 //! Frames on the air, bytes on its line, the levels of its pins, and power. Times are nanoseconds since the
-//! simulation began; chips are told by any number.
+//! simulation began; any numbers may identify the chips.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
-/// Contents of a chip's memory: an address, and what is there and behind it.
+/// Contents of a chip's memory: an address, and the bytes from there on.
 pub type Contents = (u64, Vec<u8>);
 
 /// A frame on the air.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// When its preamble begins.
+    /// Time at which its preamble begins.
     pub start: u64,
     /// IEEE 802.15.4, 11 to 26.
     pub channel: u8,
@@ -20,12 +20,12 @@ pub struct Frame {
     pub psdu: Vec<u8>,
 }
 
-/// What becomes of a frame at a receiver.
+/// Fate of a frame at a receiver.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reception {
-    /// Whose frame it is: any number that is no other sender's.
+    /// Number of the sender, different from all other senders' numbers.
     pub from: u32,
-    /// Of its energy, dBm.
+    /// Level of its energy, dBm.
     pub level: i8,
     /// It is not received whole, even if nothing else is on the air there.
     pub is_lost: bool,
@@ -33,14 +33,14 @@ pub struct Reception {
     pub is_faint: bool,
     /// It stands out from all that is on the air there when it begins.
     pub stands_out: bool,
-    /// Whose frames do not stand out there any more, now that it has begun.
+    /// Senders whose frames no longer stand out there, now that it has begun.
     pub spoils: Vec<u32>,
 }
 
-/// What acts on a step sensor from an instant on, along the axes printed on it.
+/// Forces and fields on a step sensor from an instant on, along the axes printed on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// When.
+    /// Time of the instant.
     pub at: u64,
     /// Specific force, m/s^2: at rest, 9.81 along the axis that points up.
     pub acceleration: [f64; 3],
@@ -55,40 +55,41 @@ pub struct Motion {
 pub enum Order {
     /// It has power from now on.
     On {
-        /// When; if that has passed, now.
+        /// Time at which the power comes; if that has passed, now.
         at: u64,
-        /// Of what it draws at random.
+        /// Seed of its random numbers.
         seed: u64,
-        /// How much faster than true its clocks run, 1e-9.
+        /// Excess rate of its clocks over true time, 1e-9.
         drift_ppb: i32,
         /// A step sensor is on its bus.
         has_sensor: bool,
-        /// What a programmer has written to its flash since it last had power.
+        /// Contents that a programmer has written to its flash since it last had power.
         programmed: Vec<Contents>,
     },
     /// It has no power any more.
     Off,
     /// Bytes on its line end one after the other.
     Bytes {
-        /// When the first one does; if that has passed, now.
+        /// Time at which the first byte ends; if that has passed, now.
         at: u64,
-        /// How long each of the others takes.
+        /// Duration of each other byte.
         every: u64,
-        /// Which.
+        /// The bytes.
         bytes: Vec<u8>,
     },
     /// A frame arrives. It must not have begun.
     Frame(Frame, Reception),
-    /// What it sends now, by this [number](Reception::from), is not received whole: its power is about to go.
+    /// The frame that it sends now, by this [number](Reception::from), is not received whole: its power is about
+    /// to go.
     CutOff(u32),
-    /// In the middle of the next work on its flash it stands still: power is about to go, and what is there then
-    /// is what it leaves.
+    /// It stands still in the middle of the next work on its flash: power is about to go, and it leaves the
+    /// contents of that moment.
     StandInWrite,
     /// Its step sensor moves so, in the order of times, none of which has passed.
     Moves(Vec<Motion>),
     /// Something else than frames is on a channel, or on all, until then.
     Jammed {
-        /// When it is over.
+        /// Time at which it is over.
         until: u64,
         /// IEEE 802.15.4, 11 to 26.
         channel: Option<u8>,
@@ -96,21 +97,21 @@ pub enum Order {
     /// Something outside pulls inputs of a port down, and no others: buttons. Without power it
     /// does not notice.
     Pulls {
-        /// From when on; if that has passed, from now on.
+        /// Time from which on they are low; if that has passed, from now on.
         at: u64,
         /// The port.
         port: u8,
-        /// Which, a bit a pin.
+        /// The pins, a bit each.
         low: u32,
     },
     /// Bits of its flash flip: addresses, and numbers of bits there.
     Rot(Vec<(u64, u8)>),
-    /// What programs write in its flash keeps what it holds from now on, whatever they do.
+    /// The part of its flash that programs write keeps its present contents from now on, whatever they do.
     WearOut,
 }
 
 impl Order {
-    /// When a chip has something to do because of it.
+    /// Time at which the order gives a chip something to do.
     pub fn at(&self) -> u64 {
         match self {
             Self::Bytes { at, .. } | Self::Pulls { at, .. } => *at,
@@ -133,14 +134,14 @@ pub trait Emulator {
     /// until `end` is set.
     fn debug(&mut self, chip: u32, port: u16, end: Arc<AtomicBool>);
 
-    /// These orders reach chips, in this order; then all run until an instant, or until one of them does something
-    /// that is seen outside.
+    /// Hands orders to chips, in this sequence; then all chips run until an instant, or until one of them does
+    /// something that is seen outside.
     fn run(&mut self, orders: Vec<(u32, Order)>, until: u64) -> Reports;
 
-    /// Tells what is in those flashes where that has changed since it was last told. The chips notice nothing.
+    /// Tells the contents of each flash that has changed since it was last told. The chips notice nothing.
     fn look(&mut self) -> Reports;
 
-    /// All chips lose their power: tells how each of them ended.
+    /// Takes the power of all chips: tells how each of them ended.
     fn end(&mut self) -> Reports;
 }
 
@@ -151,17 +152,17 @@ pub enum Deed {
     Sends(Frame, i8),
     /// It begins to send these bytes on its line, one after the other.
     Bytes(Vec<u8>),
-    /// Over which wires its UART sends and receives from now on.
+    /// Wires over which its UART sends and receives from now on.
     Uart(Wires),
-    /// Over which ones its I2C bus has data and clock from now on.
+    /// Wires over which its I2C bus has data and clock from now on.
     I2c(Wires),
-    /// What a port's pins drive has changed: the port, and a bit a pin; those of inputs count as high.
+    /// New levels of a port's pins: the port, and a bit a pin; those of inputs count as high.
     Pins(u8, u32),
     /// It says something in its log.
     Logs(String),
     /// It stands in the middle of work on its flash that takes so many nanoseconds.
     Writes(u64),
-    /// What programs write in its flash: as somebody looked at it, or when its power went.
+    /// Contents of the part of its flash that programs write: at a look, or when its power went.
     Memory(Vec<Contents>),
     /// It has restarted, by order of this part of it.
     Restarts {
@@ -172,11 +173,11 @@ pub enum Deed {
     },
     /// It cannot be emulated.
     Fails(String),
-    /// How it ended.
+    /// Summary of it after it has ended.
     Ends(Box<End>),
 }
 
-/// Over which wires bytes go, and how fast.
+/// Wires over which bytes go, and their rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wires {
     /// Numbers of pins, those of the second port from 32 on; [`NOT_CONNECTED`](Self::NOT_CONNECTED) or above: none.
@@ -190,16 +191,16 @@ impl Wires {
     pub const NOT_CONNECTED: u32 = 1 << 31;
 }
 
-/// What is known of a chip in the end, of all times that it had power.
+/// Summary of a chip in the end, over all times that it had power.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct End {
-    /// What programs write in its flash, as it was last.
+    /// Last contents of the part of its flash that programs write.
     pub memory: Vec<Contents>,
-    /// What its product specification forbids, or is not modelled, and accesses where nothing is.
+    /// Acts that its product specification forbids, or that are not modelled, and accesses where nothing is.
     pub forbidden: Vec<String>,
-    /// Bytes of its stack that were in use at most, and all.
+    /// Bytes of its stack: the most that were in use, and all.
     pub stack: [u64; 2],
-    /// How long its radio received and sent, nanoseconds.
+    /// Time for which its radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
     /// Frames received well, and spoilt.
     pub received: [u64; 2],
@@ -207,13 +208,13 @@ pub struct End {
     pub flash: [u64; 2],
     /// Bytes that found no room in its UART.
     pub overruns: u64,
-    /// Instructions.
+    /// Number of instructions.
     pub instructions: u64,
 }
 
 #[cfg(any(feature = "chip", test))]
 impl End {
-    /// It has had power once more.
+    /// Adds the summary of a later time with power.
     pub(super) fn add(&mut self, later: Self) {
         let Self {
             memory,
@@ -249,14 +250,14 @@ impl End {
     }
 }
 
-/// What the chips did.
+/// Deeds of the chips in one run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reports {
-    /// Until when they ran.
+    /// Time until which they ran.
     pub reached: u64,
-    /// When the first of them does something next, if nothing happens to any.
+    /// Time at which the first of them does something next, if nothing happens to any.
     pub next: u64,
-    /// When, who and what; in the order of times.
+    /// Time, chip and deed of each, in the order of times.
     pub deeds: Vec<(u64, u32, Deed)>,
 }
 
@@ -264,7 +265,7 @@ pub struct Reports {
 mod tests {
     use super::*;
 
-    /// What is forbidden is known for good, also if it was done before a loss of power; each of it once.
+    /// Forbidden acts are kept for good, also those before a loss of power; each of them once.
     #[test]
     fn ends_add_up() {
         let end = |memory, forbidden: &[&str], number| End {

@@ -1,4 +1,4 @@
-//! Whether the image uses the wires that the board has.
+//! Check that the image uses the wires that the board has.
 
 use super::outside::Wires;
 
@@ -8,18 +8,18 @@ pub(super) const CAMERA: [u32; 2] = [32 + 2, 32 + 1];
 pub(super) const CONSOLE: [u32; 2] = [6, 8];
 pub(super) const BUS: [u32; 2] = [26, 27];
 
-/// Two UARTs understand each other where their rates differ by no more, so many to one.
+/// Two UARTs understand each other if their rates differ by at most one part in so many.
 const TOLERANCE: u32 = 40;
 
 /// # Errors
-/// What is connected to other pins, or has another rate than the line.
+/// A connection to other pins, or another rate than that of the line.
 pub(super) fn check(
     what: &str,
     is: &Wires,
     pins: [u32; 2],
     rate: Option<u32>,
 ) -> Result<(), String> {
-    // What is used and not connected the chip tells.
+    // The chip itself tells of wires that are used and not connected.
     let mut both = is.pins.into_iter().zip(pins);
     if !both.all(|(is, should)| is == should || is >= Wires::NOT_CONNECTED) {
         let [is, should] = [is.pins, pins].map(|pins| pins.map(name).join(" and "));
@@ -51,7 +51,7 @@ mod tests {
             let is = Wires { pins, rate };
             check("its UART", &is, CAMERA, Some(38_400))
         };
-        // As near as the chip comes; and while it only receives.
+        // The nearest rate that the chip can have; and a UART that only receives yet.
         assert_eq!(check(CAMERA, 38_330), Ok(()));
         assert_eq!(check([u32::MAX, 33], 38_330), Ok(()));
         for rate in [37_400, 39_400, 19_170, 114_746] {

@@ -1,24 +1,23 @@
-//! What a target measured on its walk: written down as it grows, taken up after a restart, and which
-//! part of it makes room.
+//! Measurements of a target on its walk: written down as they grow, taken up after a restart, and dropped to
+//! make room.
 //!
-//! Estimates are made of measurements alone, so these are what is kept: every stop with the leg that
-//! led there, and every bearing. A stop has a place in the flash that it keeps until it goes
-//! ([`StopTag::slot`]); a bearing has the place that it has in the estimator's list. Nothing of it is
-//! kept twice in memory.
+//! Estimates are made of measurements alone, so only these are kept: every stop with the leg that led there,
+//! and every bearing. A stop has a place in the flash that it keeps until it goes ([`StopTag::slot`]); a
+//! bearing has the place that it has in the estimator's list. Nothing of it is kept twice in memory.
 //!
-//! A record of bearings is written when it is full, and the last one when the stop is over: what a loss
-//! of power takes is asked of the cameras again, as the target resumes the stop at which it stood. If
-//! it walked, the way from the last stop is lost, and with it that one leg.
+//! A record of bearings is written when it is full, and the last one when the stop is over. Bearings lost
+//! with the power are asked of the cameras again, as the target resumes the stop at which it stood. If it
+//! walked, the way from the last stop is lost, and with it that one leg.
 //!
 //! Whatever is written when the power fails, no measurement is taken for one of another stop: a leg says
-//! where it began, and a bearing names its stop. What has no stop any more is dropped.
+//! where it began, and a bearing names its stop. Measurements that have no stop any more are dropped.
 //!
 //! # Room
 //! Of 100 stops or 384 bearings, the stop that is [missed
-//! least](calib_core::joint::JointEstimator::least_missed) makes room, with its bearings: of whose cameras
-//! all have been seen most often. Of equals it is the oldest. The legs before and after it become one,
-//! so what they say of all other stops is not lost. Its bearings are: with them in a prior of all
-//! cameras sigmas would be smaller, but that is a second triangle of 13 KB.
+//! least](calib_core::joint::JointEstimator::least_missed) makes room, with its bearings: the one whose
+//! cameras all have been seen most often. Of equals it is the oldest. The legs before and after it become
+//! one, so their information on all other stops is not lost. That of its bearings is: with them in a prior of
+//! all cameras sigmas would be smaller, but that is a second triangle of 13 KB.
 
 use calib_core::joint::{Leg, Quantity, RestoredLeg, StopTag};
 use nalgebra::{Matrix2, Vector2};
@@ -82,7 +81,7 @@ impl Estimate<'_> {
         is_added.is_ok()
     }
 
-    /// Where a stop is among those of the estimator.
+    /// Index of a stop among those of the estimator.
     pub(super) fn index(&self, stop: StopNumber) -> Option<usize> {
         self.estimator.tags().rposition(|tag| tag.number == stop)
     }
@@ -92,12 +91,12 @@ impl Estimate<'_> {
         self.estimator.tags().nth(index).map(|tag| tag.number)
     }
 
-    /// Makes room for another bearing, and for what else the same look gives.
+    /// Makes room for another bearing, and for the other measurement of the same look.
     pub(super) fn make_room_for_bearing(&mut self, unsaved: &mut Unsaved) {
         while self.estimator.bearings() >= WALK_BEARINGS && self.make_room(unsaved) {}
     }
 
-    /// The stop that is missed least goes. Whether there is one.
+    /// The stop that is missed least goes. Returns true if there is one.
     fn make_room(&mut self, unsaved: &mut Unsaved) -> bool {
         let Some(stop) = self.estimator.least_missed() else {
             return false;
@@ -106,7 +105,7 @@ impl Estimate<'_> {
         self.remove_stop(stop, unsaved)
     }
 
-    /// After a restart the target may stand where it stood before, and nothing but what cameras see tells. Then
+    /// After a restart the target may stand where it stood before, and only the cameras' looks tell. Then
     /// their looks are those of the last stop once more, and are dropped: the way on is from there.
     fn drop_repetition(&mut self, unsaved: &mut Unsaved) {
         let Some(last) = self.estimator.stops().checked_sub(1) else {
@@ -203,7 +202,7 @@ impl Estimate<'_> {
         })
     }
 
-    /// After a restart: how far the target is from the stop where it stood, if it still stands there.
+    /// After a restart: begins the way from the stop where the target stood, if it still stands there.
     pub(super) fn resume(&mut self, stands: bool) {
         self.way = stands.then(|| (Vector2::zeros(), Matrix2::zeros()));
         self.is_restoring = true;
@@ -249,7 +248,8 @@ impl Estimate<'_> {
             let Some(bearing) = bearing else { continue };
             let place = self.estimator.bearings();
             let is_taken = self.restore_bearing(bearing).is_some();
-            // What is in another place than it was, because one before it is lost, is written again.
+            // A bearing that is in another place than it was, because one before it is lost, is written
+            // again.
             if !is_taken || place != written {
                 unsaved.insert(bearing_record(written));
             }
@@ -273,7 +273,7 @@ impl Estimate<'_> {
         added.ok()
     }
 
-    /// Whether a camera told this of a stop already, under whichever number it is known.
+    /// Returns true if a camera told this of a stop already, under either of its numbers.
     pub(super) fn has(&self, stop: usize, camera: MemberAddress, quantity: Quantity) -> bool {
         let mut all = (0..self.estimator.bearings()).filter_map(|n| self.estimator.measured(n));
         all.any(|measured| {
@@ -288,7 +288,7 @@ impl Estimate<'_> {
         if !core::mem::take(&mut self.is_restoring) {
             return;
         }
-        // One that was being written, and of which nobody was told.
+        // One that was being written, and of which no camera was told.
         for tag in self.estimator.tags() {
             if tag.number.wrapping_sub(last).cast_signed() > 0 {
                 unsaved.insert(stop_record(tag.slot.into()));
@@ -296,7 +296,7 @@ impl Estimate<'_> {
         }
         self.estimator.sort_restored(last);
         if self.way.is_some() {
-            // Bearings of the stop where it stands count, whatever is known of the way there.
+            // Bearings of the stop where it stands count, whether the way there is known or not.
             self.add_stop(last, None, unsaved);
         }
     }
@@ -329,7 +329,7 @@ impl TargetRole<'_> {
         }
     }
 
-    /// What the cameras told of this stop is to be written down.
+    /// The cameras' bearings of this stop are to be written down.
     pub(super) fn save_history(&mut self) {
         if let Some(estimate) = &mut self.estimate {
             estimate.drop_repetition(&mut self.unsaved);

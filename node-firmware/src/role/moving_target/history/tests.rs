@@ -25,10 +25,10 @@ fn estimate() -> Estimate<'static> {
     Estimate::new(memory).unwrap()
 }
 
-/// What is written under each key.
+/// Record under each key.
 type Flash = BTreeMap<u8, Fact>;
 
-/// Writes what is to be written, up to so many records, then the power fails.
+/// Writes the records that are due, up to so many, then the power fails.
 fn write(
     estimate: &Estimate<'_>,
     unsaved: &mut Unsaved,
@@ -49,7 +49,7 @@ fn write(
     None
 }
 
-/// What is there after a restart, and the rest that is written then.
+/// The estimate after a restart, and the rest that is written then.
 fn restored(flash: &mut Flash, last: StopNumber, stands: bool) -> Estimate<'static> {
     let mut estimate = estimate();
     let mut unsaved = Unsaved::new();
@@ -124,8 +124,8 @@ fn check(estimate: &Estimate<'_>, last: StopNumber) -> usize {
     legs
 }
 
-/// A walk far beyond what there is room for. Whatever was written last when the power failed, nothing
-/// is taken for anything else; where all was written, everything is there again.
+/// A walk far beyond the room that there is. Whatever was written last when the power failed, nothing is
+/// taken for anything else; where all was written, everything is there again.
 #[test]
 fn the_power_fails_at_any_write() {
     for seed in 0..12 {
@@ -159,7 +159,7 @@ fn the_power_fails_at_any_write() {
             let written = write(&estimate, &mut unsaved, &mut flash, most);
             let is_first = estimate.estimator.stops() == 1;
             if written.is_none() {
-                // In the middle of it: the stop may be told again, or nobody heard of it.
+                // In the middle of it: the stop may be told again, or no camera heard of it.
                 let stands = rng.random_bool(0.5);
                 estimate = restored(&mut flash, stop, stands);
                 unsaved = Unsaved::new();
@@ -208,7 +208,7 @@ fn writes_are_few() {
     }
 }
 
-/// What was measured among other cameras is written over.
+/// Measurements among other cameras are written over.
 #[test]
 fn what_is_forgotten_is_not_restored() {
     let (mut flash, mut unsaved) = (Flash::new(), Unsaved::new());
