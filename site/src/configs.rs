@@ -335,6 +335,18 @@ impl Maker<'_> {
 }
 
 impl Scenario {
+    /// Promises that all lenses and places of references are exactly as the file says.
+    #[must_use]
+    pub fn exact(mut self) -> Self {
+        self.camera.field_of_view_sigma = Some(0.0);
+        self.camera.principal_sigma = Some(0.0);
+        for network in &mut self.networks {
+            network.references.baseline_sigma = Some(0.0);
+            network.references.position_sigma = Some(0.0);
+        }
+        self
+    }
+
     /// A target's parameters but for the number of its colour.
     pub(crate) fn target_config(&self, table: &TargetTable) -> TargetConfig {
         let mut target = TargetConfig::default();

@@ -256,7 +256,7 @@ impl Default for CameraTable {
 const PRINCIPAL_SIGMA: f64 = 2.0;
 
 impl CameraTable {
-    /// How well a node is told that its lens is known.
+    /// Sigmas of its lens, as its node is told.
     pub(crate) fn lens_sigma(&self) -> LensSigma {
         let lens = self.believed();
         let view = f64::from(lens.field_of_view_deg).to_radians();

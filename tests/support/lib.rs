@@ -34,6 +34,8 @@ pub fn building(cameras: usize, cell: usize) -> String {
         [camera]
         projection = "pin-hole"
         field_of_view_deg = 60.0
+        field_of_view_sigma = 0
+        principal_sigma = 0
         range = 8.0
         [radio]
         medium = "unit-disk"

@@ -239,7 +239,7 @@ impl<T: Real> Common<T> {
     }
 }
 
-/// What is known of lenses beforehand: standard deviations, `None` where a number is exact.
+/// Prior knowledge of lenses: standard deviations, `None` where a number is exact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Optics<T> {
     /// Of the focal length, relative.
@@ -274,7 +274,7 @@ impl<T: Real> Optics<T> {
 /// Share of a focal length that no measurement tells.
 const NEARLY_EXACT: f64 = 1e-4;
 
-/// What the workspace holds of the present estimates.
+/// Contents of the workspace about the present estimates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Told {
     Nothing,
@@ -363,7 +363,7 @@ impl<T: Real> Unknown<T> {
         lens
     }
 
-    /// What is added to the tangent of each bearing because the principal column is another one.
+    /// Addition to the tangent of each bearing because the principal column is another one.
     pub(super) const fn principal(&self) -> T {
         let [_, _, _, _, principal] = self.value;
         principal

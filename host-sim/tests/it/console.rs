@@ -495,7 +495,7 @@ fn the_coordinators_of_a_site_are_one_site() {
         ["1.pty", "2.pty", "run.json", "console.json"].map(|name| files.path(name));
     let site = files.write(
         "two.toml",
-        "name = \"two\"\n[camera]\nfield_of_view_deg = 60.0\nrange = 8.0\n[grid]\nnodes = 8\ncell_nodes = 4\n",
+        "name = \"two\"\n[camera]\nfield_of_view_deg = 60.0\nfield_of_view_sigma = 0\nprincipal_sigma = 0\nrange = 8.0\n[grid]\nnodes = 8\ncell_nodes = 4\n",
     );
     let lines = [format!("1:{first}"), format!("2:{second}")];
     let mut rehearsal = Command::new(env!("CARGO_BIN_EXE_host-sim"))

@@ -135,11 +135,11 @@ pub struct CameraConfig {
     pub weak: Sigmas,
     /// Standard deviation of a sighting that no frame shows, columns.
     pub sigma_floor_px: f32,
-    /// How well its lens is known.
+    /// Sigmas of its lens.
     pub lens_sigma: LensSigma,
 }
 
-/// How well lenses are known: standard deviations, zero for what is exact.
+/// Standard deviations of what is said of lenses, zero where it is exact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -169,7 +169,7 @@ impl LensSigma {
     }
 }
 
-/// How well the places of the references are known: standard deviations, zero for what is exact.
+/// Standard deviations of the places of the references, zero where they are exact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -303,9 +303,9 @@ pub struct TargetConfig {
     /// True if it goes over to the network of the site that it hears best, when no camera of its own saw it
     /// at a stop.
     pub roams: bool,
-    /// How well the cameras' lenses are known.
+    /// Sigmas of the cameras' lenses.
     pub lens_sigma: LensSigma,
-    /// How well the places of the references are known.
+    /// Sigmas of the references' places.
     pub survey_sigma: SurveySigma,
     /// Of a step sensor that the board has: other boards do not look at it.
     pub sensor: SensorConfig,

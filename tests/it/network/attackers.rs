@@ -78,9 +78,11 @@ fn ring(seed: u64) -> Scenario {
         r#"
         name = "ring"
         [camera]
+        field_of_view_sigma = 0
+        principal_sigma = 0
         range = 15.0
         [[network]]
-        references = {{ cameras = [1, 8] }}
+        references = {{ cameras = [1, 8], baseline_sigma = 0, position_sigma = 0 }}
         camera = [{}]
         target = [{{ id = 40, stops = [STOPS] }}]
         "#,

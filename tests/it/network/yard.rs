@@ -83,7 +83,7 @@ impl Yard<'_> {
             seed: Some(seed),
             ..Overrides::default()
         };
-        Scenario::from_toml(&text, &seed).unwrap()
+        Scenario::from_toml(&text, &seed).unwrap().exact()
     }
 }
 

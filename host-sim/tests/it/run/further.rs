@@ -25,6 +25,8 @@ const TWO_PLACES: &str = r#"
     [camera]
     projection = "pin-hole"
     field_of_view_deg = 60.0
+    field_of_view_sigma = 0
+    principal_sigma = 0
 
     [sensor]
     measures = true
@@ -36,7 +38,7 @@ const TWO_PLACES: &str = r#"
     systematic_heading_deg = 0.3
 
     [[network]]
-    references = { cameras = [1, 2] }
+    references = { cameras = [1, 2], baseline_sigma = 0, position_sigma = 0 }
     camera = [
       { id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 },
       { id = 2, x = 10.0, y = 0.0, heading_deg = 135.0 },
@@ -134,6 +136,8 @@ const GUESTS: &str = r#"
     [camera]
     projection = "pin-hole"
     field_of_view_deg = 60.0
+    field_of_view_sigma = 0
+    principal_sigma = 0
 
     [sensor]
     measures = true
@@ -143,7 +147,7 @@ const GUESTS: &str = r#"
     systematic_heading_deg = 1.5
 
     [[network]]
-    references = { cameras = [1, 2] }
+    references = { cameras = [1, 2], baseline_sigma = 0, position_sigma = 0 }
     camera = [
       { id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 },
       { id = 2, x = 8.0, y = 0.0, heading_deg = 135.0 },

@@ -45,7 +45,7 @@ fn scenario(stops: &str, seed: u64) -> Scenario {
         seed: Some(seed),
         ..Overrides::default()
     };
-    Scenario::from_toml(&text, &overrides).unwrap()
+    Scenario::from_toml(&text, &overrides).unwrap().exact()
 }
 
 /// Runs the nodes of one room and checks their results.

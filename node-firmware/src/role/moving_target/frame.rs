@@ -70,7 +70,7 @@ pub(super) struct Frame {
     /// Lengths in the site over those in this frame.
     stretch: f32,
     errors: Errors,
-    /// How well the places that were given to references are known.
+    /// Sigmas of the places that were given to references.
     survey: SurveySigma,
 }
 
