@@ -313,15 +313,15 @@ impl Maker<'_> {
             principal_deg: all.principal_deg.max(one.principal_deg),
         });
         let references = &self.network.references;
-        let tape = SurveySigma::TAPE;
-        let by_tape = f64::from(tape.position) / self.scenario.metres_per_unit();
+        let measured = SurveySigma::MEASURED;
+        let measured_to = f64::from(measured.position) / self.scenario.metres_per_unit();
         TargetConfig {
             lens_sigma,
             survey_sigma: SurveySigma {
                 baseline: references
                     .baseline_sigma
-                    .map_or(tape.baseline, |sigma| sigma as f32),
-                position: references.position_sigma.unwrap_or(by_tape).min(1000.0) as f32,
+                    .map_or(measured.baseline, |sigma| sigma as f32),
+                position: references.position_sigma.unwrap_or(measured_to).min(1000.0) as f32,
             },
             colour: colour.unwrap_or(0) as u8,
             roams: self

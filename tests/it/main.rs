@@ -5,3 +5,4 @@ mod pixy2;
 mod ray_scan;
 mod recorded;
 mod sight;
+mod told_wrong;

@@ -91,7 +91,7 @@ const TARGET: TargetConfig = TargetConfig {
     dwell_most_ms: 20_000,
     roams: false,
     lens_sigma: LensSigma::UNMEASURED,
-    survey_sigma: SurveySigma::TAPE,
+    survey_sigma: SurveySigma::MEASURED,
     sensor: SensorConfig::UNCALIBRATED,
 };
 

@@ -114,7 +114,7 @@ pub const KEYS: &[Key] = &[
     key("network[].references.frame_of", Whole(1.0, MOST_NETWORKS, ": the number of a network that has references"), Is("none"), Both, "There are none: its cameras wait for the targets of that network, which bring its frame. `cameras` are then those in whose view the walk goes on."),
     key("network[].references.baseline_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told the distance of the two."),
     key("network[].references.baseline", LENGTH, Is("that of their `x` and `y`"), Nodes, "That distance as it was measured."),
-    key("network[].references.baseline_sigma", Number(0.0, 0.5, " of it"), Is("0.01"), Nodes, "Standard deviation of that distance: a tape. 0 promises that it is exact."),
+    key("network[].references.baseline_sigma", Number(0.0, 0.5, " of it"), Is("0.025"), Nodes, "Standard deviation of that distance: 0.01 by tape. Nothing tests it. 0 promises that it is exact."),
     key("network[].references.position_sigma", Number(0.0, 1000.0, " in the unit of the site"), Is("1 cm"), Nodes, "Standard deviation of the place of each along each axis. 0 promises that they are exact."),
     key("network[].references.frame_heading_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
     key("network[].references.compass_deg", DIRECTION, Is("the frame's x axis; 0 if not known"), Both, "That direction in the building."),

@@ -716,8 +716,9 @@ impl<'m> Estimate<'m> {
             ..pose
         }));
         let [came, count] = self.estimator.bearings_of(camera);
-        // A camera that most of its own sightings contradict is not believed; nor is a moved one.
-        let is_outvoted = 2 * count <= came;
+        // A camera of which more than a third of the sightings contradict the rest is not believed: one that hangs
+        // upside down fits what is left. Nor is a moved one.
+        let is_outvoted = 3 * count < 2 * came;
         let is_doubtful =
             is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
         // The camera itself knows which pose is good enough.

@@ -1,0 +1,183 @@
+//! Lenses, centres and a baseline that are not as they are told: no camera may be called calibrated and be more than
+//! five sigmas off. `XTASK_ALL=1` draws 200 walks for each row instead of 8.
+
+use std::fmt;
+
+use answers::record::RunRecord;
+use calib_core::{Pose, Status};
+use host_sim::network::{Options, Simulation};
+use site::{Overrides, Scenario, SensorTable};
+use test_support::{generator, normal};
+
+/// Tangents of the true lens over those of the one that is told, of a lens that is 10 % off.
+const LENS: f64 = 1.1;
+/// Columns that a principal column is off.
+const PRINCIPAL: f64 = 4.0;
+
+/// A difference between the site and the file about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wrong {
+    /// None.
+    Nothing,
+    /// The lens of this camera is 10 % off.
+    Lens(u16),
+    /// The principal column of this camera is 4 columns off.
+    Principal(u16),
+    /// The baseline is 8.75 % too long.
+    Baseline,
+    /// Every lens, every principal column and the baseline are drawn from their sigmas.
+    Everything,
+}
+
+impl fmt::Display for Wrong {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{self:?}")
+    }
+}
+
+/// Six cameras around a room, and a person whose steps are 5 % and 2 degrees off at one sigma.
+fn run(wrong: Wrong, stops: usize, seed: u64) -> RunRecord {
+    let mut random = generator(7000 + seed);
+    let mut cameras = String::new();
+    let places = [
+        (1, 0.0, 0.0, 45.0),
+        (2, 8.0, 0.0, 135.0),
+        (3, 4.0, 7.5, 270.0),
+        (4, -1.0, 4.0, 0.0),
+        (5, 9.0, 5.0, 190.0),
+        (6, 0.0, 7.5, 315.0),
+    ];
+    for (id, x, y, heading) in places {
+        let [scale, principal] = match wrong {
+            Wrong::Lens(of) if of == id => [LENS, 0.0],
+            Wrong::Principal(of) if of == id => [1.0, PRINCIPAL],
+            Wrong::Everything => [1.0 + 0.05 * normal(&mut random), 2.0 * normal(&mut random)],
+            _ => [1.0, 0.0],
+        };
+        let view = 2.0 * (30_f64.to_radians().tan() * scale).atan().to_degrees();
+        cameras += &format!(
+            "{{ id = {id}, x = {x:?}, y = {y:?}, heading_deg = {heading:?}, model = {{ field_of_view_deg = {view}, \
+             principal_column = {} }} }},\n",
+            43.5 + principal
+        );
+    }
+    let baseline = match wrong {
+        Wrong::Baseline => 8.7,
+        Wrong::Everything => 8.0 * (1.0 + 0.025 * normal(&mut random)),
+        _ => 8.0,
+    };
+    let text = format!(
+        r#"
+        name = "six"
+        unit = "m"
+        [camera]
+        projection = "pin-hole"
+        field_of_view_deg = 60.0
+        range = 9.0
+        [world]
+        low = [-2.0, -2.0]
+        high = [10.0, 9.0]
+        [sensor]
+        measures = true
+        [firmware]
+        systematic_heading_deg = 2.0
+        systematic_scale = 0.05
+        [[network]]
+        references = {{ cameras = [1, 2], baseline = {baseline} }}
+        camera = [{cameras}]
+        target = [{{ id = 20 }}]
+        "#
+    );
+    let changes = Overrides {
+        seed: Some(seed),
+        path: Some(1 + seed % 3),
+        stops: Some(stops),
+        ..Overrides::default()
+    };
+    let mut scenario = Scenario::from_toml(&text, &changes).unwrap();
+    scenario.sensor = Some(SensorTable {
+        measures: true,
+        scale_bias: 0.05 * normal(&mut random),
+        heading_bias_deg: 2.0 * normal(&mut random),
+        ..scenario.sensor.unwrap_or_default()
+    });
+    Simulation::new(scenario, Options::default())
+        .unwrap()
+        .run(|_| ())
+}
+
+/// Cameras that are no references: all, those called calibrated, and of these the squared error over the
+/// covariance.
+#[derive(Debug, Default)]
+struct Counts {
+    all: usize,
+    calibrated: usize,
+    deceived: usize,
+    nees: f64,
+}
+
+fn count(wrong: Wrong, stops: usize) -> Counts {
+    let seeds = match std::env::var_os("XTASK_ALL") {
+        Some(_) => 200,
+        None => 8,
+    };
+    let mut counts = Counts::default();
+    for seed in 1..=seeds {
+        let record = run(wrong, stops, seed);
+        for camera in record.cameras().filter(|camera| camera.id > 2) {
+            counts.all += 1;
+            let (Some(estimate), Some(truth)) = (camera.estimate, camera.truth) else {
+                continue;
+            };
+            if camera.status != Some(Status::Calibrated) {
+                continue;
+            }
+            counts.calibrated += 1;
+            let pose: Pose<f64> = estimate.pose();
+            let heading = truth.heading_deg.to_radians();
+            let off = (pose.position - truth.position()).norm() / pose.sigma_position();
+            let turned = calib_core::angle::wrap_signed(pose.heading - heading);
+            let turned = turned.abs() / pose.covariance.m33.sqrt();
+            counts.nees += pose.normalised_error(truth.position(), heading).unwrap();
+            if off > 5.0 || turned > 5.0 {
+                counts.deceived += 1;
+            }
+        }
+    }
+    println!("{wrong}, {stops} stops: {counts:?}");
+    counts
+}
+
+#[test]
+fn what_is_told_wrongly_deceives_no_camera() {
+    for stops in [3, 6, 10] {
+        for wrong in [
+            Wrong::Nothing,
+            Wrong::Lens(4),
+            Wrong::Lens(1),
+            Wrong::Principal(4),
+            Wrong::Baseline,
+        ] {
+            let counts = count(wrong, stops);
+            assert_eq!(counts.deceived, 0, "{wrong}, {stops} stops: {counts:?}");
+            // What is wrong may also be noticed.
+            let least = if wrong == Wrong::Nothing { 97 } else { 75 };
+            assert!(
+                counts.calibrated * 100 >= counts.all * least,
+                "{wrong}, {stops} stops: {counts:?}"
+            );
+        }
+    }
+}
+
+/// From both sides: where all errors are drawn from what is told of them, sigmas are neither too small nor much too
+/// large. Cameras of a run share the target's errors and the baseline.
+#[test]
+fn sigmas_are_those_of_all_that_is_uncertain() {
+    for stops in [3, 6] {
+        let counts = count(Wrong::Everything, stops);
+        assert_eq!(counts.deceived, 0, "{counts:?}");
+        let mean = counts.nees / counts.calibrated as f64;
+        assert!((1.0..4.5).contains(&mean), "{stops} stops: {mean}");
+    }
+}
