@@ -1,7 +1,7 @@
 //! Knowledge of a camera about its own pose (thesis 2.6.2).
 
 use calib_core::{
-    Limits, Pose, Ray, Refusal, Sighting, angle,
+    Limits, Pose, Refusal, Sighting, angle,
     dead_reckoning::{Place, correlate},
     resection::{self, Solution},
 };
@@ -153,21 +153,12 @@ impl Calibration {
         dropped: &[bool],
         pose: &Pose<f32>,
     ) -> Result<Vector3<f32>, Refusal> {
-        let all = self.kept.iter().zip(dropped);
-        let used = all.filter(|(_, dropped)| !**dropped);
-        let seen: heapless::Vec<_, SIGHTINGS> = used
-            .map(|(kept, _)| {
-                let seen = sighting(kept, common);
-                let Ray { forward, left } = seen.ray;
-                Sighting {
-                    ray: Ray {
-                        forward,
-                        left: left * (1.0 + focal) + forward * principal,
-                    },
-                    ..seen
-                }
-            })
-            .collect();
+        let mut seen = self.seen(common);
+        let mut dropped = dropped.iter();
+        seen.retain(|_| dropped.next() == Some(&false));
+        for Sighting { ray, .. } in &mut seen {
+            ray.left += ray.left * focal + ray.forward * principal;
+        }
         let other = resection::solve(&seen)?.pose;
         let moved = other.position - pose.position;
         Ok(moved.push(angle::wrap_signed(other.heading - pose.heading)))
