@@ -14,13 +14,15 @@ use clap::{Args, ValueEnum};
 use cmucam2_driver::{
     Command, Error,
     colour::ColourBounds,
-    geometry::{Sensor, Size},
+    command::{LineMode, OutputMask, RawMode, StatisticsLines, TrackingLines},
+    geometry::{DownSampling, Sensor, Size},
     packet::Tracking,
+    servo::ServoMask,
     session::{Fault, Learn, StartUp},
 };
 use host_sim::probe::{
     Device, View,
-    advice::{advice, fell_silent, no_baud_rate},
+    advice::{advice, fell_silent, garbled_since, no_baud_rate},
     colour::{self, Judged},
     display::doubt,
     picture,
@@ -80,7 +82,8 @@ pub(super) struct Arguments {
         conflicts_with = "as_is"
     )]
     settle: f64,
-    /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up.
+    /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up. Modes that
+    /// other programs have set since, such as DS, VW or OM, are put back.
     #[arg(long)]
     as_is: bool,
     /// Track this colour instead of learning one: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax, each 0 to 255.
@@ -203,6 +206,8 @@ struct Bench<'a> {
     baud_rate: u32,
     view: View,
     person: Person,
+    /// It has told who it is: its rate is right.
+    is_known: bool,
     /// Restarts since the last packet.
     restarts: u8,
     /// Packets that have come.
@@ -213,6 +218,28 @@ struct Bench<'a> {
 
 /// The number of the first column and row, unless it is known otherwise: most sources agree.
 const USUAL_FIRST: u8 = 1;
+
+/// Modes in which other programs may have left the camera and which change what is counted or sent, as after
+/// a reset: how things are sent comes first. Gain, white balance and colours stay.
+fn as_after_reset() -> [Command; 15] {
+    [
+        Command::RawMode(RawMode::OFF),
+        Command::LineMode(LineMode::Tracking(TrackingLines::Off)),
+        Command::LineMode(LineMode::Statistics(StatisticsLines::Off)),
+        Command::OutputMask(OutputMask::Tracking(0xFF)),
+        Command::ServoMask(ServoMask::default()),
+        Command::PollMode(false),
+        Command::PacketSkip(0),
+        Command::PacketFilter(false),
+        Command::FrameStream(false),
+        Command::BufferMode(false),
+        Command::DownSample(DownSampling::NONE),
+        Command::VirtualWindow(None),
+        Command::TrackInvert(false),
+        Command::PixelDifference(false),
+        Command::NoiseFilter(2),
+    ]
+}
 
 /// Restarts without a packet in between after which the camera is given up.
 const RESTARTS: u8 = 5;
@@ -299,6 +326,7 @@ impl<'a> Bench<'a> {
                 None,
             ),
             person,
+            is_known: false,
             restarts: 0,
             packets: 0,
             contradicted: false,
@@ -318,6 +346,7 @@ impl<'a> Bench<'a> {
             version = bench.camera.version().wait();
         }
         let version = version.map_err(|error| bench.not_a_camera(error))?;
+        bench.is_known = true;
         let banner = version.banner();
         tell(format_args!(
             "{} ({}) at {baud_rate} baud on {}",
@@ -337,7 +366,12 @@ impl<'a> Bench<'a> {
 
     /// Starts the camera up and sets the resolution.
     fn prepare(&mut self, sensor: Option<Sensor>) -> anyhow::Result<()> {
-        if !self.arguments.as_is {
+        if self.arguments.as_is {
+            for mode in as_after_reset() {
+                let set = self.camera.set(mode).wait();
+                set.map_err(|error| self.failed(error))?;
+            }
+        } else {
             let adapting = spinner(format!(
                 "the camera resets and adapts to the light for {} s",
                 self.arguments.settle
@@ -526,16 +560,18 @@ impl<'a> Bench<'a> {
         });
         rows.finish_and_clear();
         let picture = taken.map_err(|error| self.failed(error))?;
-        let file = picture.png()?;
-        whole_file::write(path, file)?;
         let (columns, rows) = picture.size();
         let damaged = picture.damaged();
-        if damaged > 0 {
-            tell(format_args!(
-                "{damaged} of {rows} rows were damaged on the line; a lower rate or a shorter cable \
-                 helps"
-            ));
+        let told = format!(
+            "{damaged} of {rows} rows were damaged on the line; a lower rate or a shorter cable helps"
+        );
+        if damaged > rows / 2 {
+            bail!("{}: {told}; no picture is left", self.arguments.line());
         }
+        if damaged > 0 {
+            tell(told);
+        }
+        whole_file::write(path, picture.png()?)?;
         if self.arguments.json {
             let file = path.display().to_string();
             let line = serde_json::json!({
@@ -570,11 +606,12 @@ impl<'a> Bench<'a> {
     }
 
     fn failed(&self, error: Error<PortError>) -> anyhow::Error {
-        if self.packets > 0 && matches!(error, Error::Camera(Fault::Silence)) {
-            let why = fell_silent(self.packets);
-            return anyhow!("{}: {why}", self.arguments.line());
-        }
-        failed(self.arguments.line(), self.baud_rate, error)
+        let why = match error {
+            Error::Camera(Fault::Silence) if self.is_known => fell_silent(self.packets),
+            Error::Camera(Fault::Garbage) if self.is_known => garbled_since(self.packets),
+            error => return failed(self.arguments.line(), self.baud_rate, error),
+        };
+        anyhow!("{}: {why}", self.arguments.line())
     }
 }
 

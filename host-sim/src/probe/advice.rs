@@ -17,13 +17,30 @@ pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     }
 }
 
-/// When the camera answers no more after packets have come: it was set up, so it is something else.
+/// When the camera answers no more after its banner and so many packets: its rate is right.
 pub fn fell_silent(packets: u64) -> String {
-    let plural = if packets == 1 { "" } else { "s" };
+    let since = since(packets);
     listed(
-        format!("the camera has fallen silent after {packets} packet{plural}"),
+        format!("the camera has fallen silent after {since}"),
         &STOPPED,
     )
+}
+
+/// When it cannot be understood any more.
+pub fn garbled_since(packets: u64) -> String {
+    let since = since(packets);
+    listed(
+        format!("what comes makes no sense any more after {since}"),
+        &DISTURBED,
+    )
+}
+
+fn since(packets: u64) -> String {
+    match packets {
+        0 => "its banner".to_owned(),
+        1 => "1 packet".to_owned(),
+        _ => format!("{packets} packets"),
+    }
 }
 
 /// When all rates were tried in vain. `heard`: whether anything came.
@@ -76,6 +93,14 @@ const STOPPED: [&str; 3] = [
     "does the supply hold (200 mA, more with servos)? It may hang after a short drop: switch it off \
      and on",
     "does something else use the same port, or has the computer put the adapter to sleep?",
+];
+
+/// What makes nonsense of it that was understood before.
+const DISTURBED: [&str; 3] = [
+    "has another program set a mode that is not known here? Without --as-is the camera is started up, \
+     which ends all modes",
+    "does another program use the same port? It takes answers away, and gets others",
+    "is the ground connected, and is the cable short enough for this rate?",
 ];
 
 const RESTARTED: [&str; 2] = [

@@ -123,6 +123,28 @@ fn answer(mut line: LineEnd, to: &[u8], says: &[u8]) {
     }
 }
 
+/// A camera that tells who it is, and from then on nothing that makes sense.
+fn garbled_after_the_banner(mut line: LineEnd) {
+    let (mut byte, mut heard) = ([0], Vec::new());
+    loop {
+        match line.read(&mut byte) {
+            Ok(_) if byte == *b"\r" => {
+                let says: &[u8] = match &heard[..] {
+                    b"" => b"ACK\r:",
+                    b"GV" => b"ACK\rCMUcam2 v1.00 c6\r:",
+                    _ => b"\xF8\x00\x1C\xE6\x80",
+                };
+                line.write_all(says).unwrap();
+                heard.clear();
+            }
+            Ok(_) => heard.extend(byte),
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            // The test is over.
+            Err(_) => break,
+        }
+    }
+}
+
 /// Other programs leave the camera in a mode in which it does not acknowledge, or takes raw
 /// commands.
 #[test]
@@ -132,6 +154,58 @@ fn a_camera_left_in_a_raw_mode_is_recovered() {
         let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "3"]);
         assert!(told.contains("CMUcam2 v1.00 c6"), "RM {mode}: {told}");
     }
+}
+
+/// Whatever another program has set, `--as-is` counts the same columns as before.
+#[test]
+fn modes_that_another_program_has_set_are_put_back() {
+    let told = |heard: &str| {
+        let camera = Emulated::new(&square(), &[&format!("heard={heard}")]);
+        let options = [
+            "--baud", "115200", "--as-is", "--count", "2", "--colour", ORANGE,
+        ];
+        camera.json(&options).pop().unwrap()
+    };
+    let usual = told("");
+    assert_eq!((number(&usual, "x1"), number(&usual, "x2")), (20.0, 67.0));
+    for mode in [
+        "DS 2 2",
+        "OM 0 3",
+        "RM 1",
+        "RM 7",
+        "VW 30 10 50 90",
+        "PM 1",
+        "LM 0 1",
+        "LM 0 2",
+        "BM 1",
+        "TI 1",
+        "PD 1",
+        "SM 15",
+        "PS 3",
+        "PF 1",
+        "NF 60",
+        "HR 1",
+    ] {
+        let mut line = told(&format!("{mode}\\r"));
+        line["seconds"] = usual["seconds"].clone();
+        assert_eq!(line, usual, "{mode}");
+    }
+}
+
+/// A camera whose banner came at a rate has that rate.
+#[test]
+fn what_comes_after_the_banner_is_not_blamed_on_the_rate() {
+    let (camera, _port, name) = LineEnd::pair();
+    thread::spawn(move || garbled_after_the_banner(camera));
+    let done = run(&["probe", "--port", &name, "--baud", "38400", "--as-is"]);
+    let text = done.stderr;
+    assert_eq!(done.code, 2, "{text}");
+    assert!(text.contains("CMUcam2 v1.00 c6"), "{text}");
+    assert!(
+        text.contains("no sense any more after its banner"),
+        "{text}"
+    );
+    assert!(!text.contains("jumpers"), "{text}");
 }
 
 #[test]
@@ -449,9 +523,20 @@ fn other_cameras() {
 fn a_picture_of_a_wall() {
     let files = Files::new();
     let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
-    let camera = Emulated::new(&plain, &[]);
     let file = files.path("wall.png");
-    let line = &camera.json(&["--settle", "0", "--frame", &file])[0];
+    for switch in ["row_marks=1", "row_marks=0"] {
+        let camera = Emulated::new(&plain, &[&format!("switch={switch}")]);
+        a_wall(&camera.json(&["--settle", "0", "--frame", &file])[0], &file);
+        fs::remove_file(&file).unwrap();
+    }
+    // What came of most of it is not called a picture.
+    let camera = Emulated::new(&plain, &["fault=overrun=0.01"]);
+    let text = failure(&camera.arguments(&["--baud", "115200", "--frame", &file])[1..]);
+    assert!(text.contains("rows were damaged"), "{text}");
+    assert!(!fs::exists(file).unwrap());
+}
+
+fn a_wall(line: &Value, file: &str) {
     assert_eq!(line["columns"], 87);
     assert_eq!(line["rows"], 143);
     assert_eq!(line["damaged_rows"], 0);
