@@ -26,7 +26,7 @@ use host_sim::probe::{
     colour::{self, Judged},
     display::doubt,
     picture,
-    port::{self, Baud, Clock, Heard, Port, PortError, Search},
+    port::{self, Baud, Clock, Heard, Overheard, Port, PortError, Search},
     record::{self, Recording},
     sensor_name, stranger,
 };
@@ -73,7 +73,7 @@ pub(super) struct Arguments {
         value_parser = clap::value_parser!(u8).range(1..=7)
     )]
     signature: u8,
-    /// What the camera's jumpers select; `auto` tries all eight rates, the fastest first.
+    /// What the camera's jumpers select, or what is set in a Pixy2; `auto` tries all rates that are usual.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
     /// How long the camera adapts to the light before gain and white balance are frozen.
@@ -154,7 +154,8 @@ Bringing up a camera:
      --colour; pixels have 16 to 240, bounds may be anything from 0 to 255. Every pixel is there twice, side by side, because the camera's pixels are
      twice as wide as tall.
   3. host-sim probe --port /dev/ttyUSB0 --fov-deg 45
-     Bearings are positive to the left. Their sigma is that of whole columns.
+     Bearings are positive to the left, those of the object's middle between its edges. Their sigma is that
+     of whole columns.
   4. host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --case north
      Type where the object stands, X,Y, once it stands there; three places or more, not on one
      line with the camera. `q` or Ctrl-D ends. Then:
@@ -181,7 +182,7 @@ reported, and no sighting is recorded from then on.
 
 JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
 pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearings also without
---fov-deg and where the object is cut off by the left or right border. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
+--fov-deg and where the object is cut off by the left or right border or partly hidden. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
 column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
 damaged_rows. Everything else goes to the standard error output.
 
@@ -268,6 +269,9 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 }
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.kind == Kind::Cmucam2 {
+        arguments.baud.of_jumpers().map_err(anyhow::Error::msg)?;
+    }
     // What is wrong with a file is told before anyone waits for the camera.
     Files::default()
         .reads(&arguments.port)
@@ -594,9 +598,10 @@ impl<'a> Bench<'a> {
         match error {
             Error::Camera(Fault::Garbage | Fault::Refused { .. } | Fault::Unexpected { .. }) => {
                 match stranger::name(&heard) {
-                    Some(stranger) => {
-                        let shown = stranger::shown(&heard);
-                        anyhow!("{}: {stranger} ({shown})", self.arguments.line())
+                    Some(who) => {
+                        let rate = self.baud_rate;
+                        let stranger = Overheard { rate, heard, who };
+                        anyhow!("{}: {stranger}", self.arguments.line())
                     }
                     None => self.failed(error),
                 }
@@ -617,18 +622,19 @@ impl<'a> Bench<'a> {
 
 /// Opens the port, and finds the camera's rate if it is not given.
 fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)> {
-    let rate = match arguments.baud {
-        Baud::Rate(rate) => rate,
-        Baud::Auto => port::BAUD_RATES[0],
+    let (rate, is_known) = match arguments.baud {
+        Baud::Rate(rate) => (rate, true),
+        Baud::Auto => (port::BAUD_RATES[0], false),
     };
     let port = arguments.open(rate, person)?;
-    if arguments.baud != Baud::Auto {
+    if is_known {
         return Ok((port, rate));
     }
     let trying = spinner("");
     // What the camera sends already would be taken for garbage at every rate but its own.
     let port = match port::quieten(port, || trying.set_message(BUSY)) {
-        Ok(port) => port,
+        Ok(Ok(port)) => port,
+        Ok(Err(stranger)) => return Err(anyhow!("{}: {stranger}", arguments.line())),
         Err(error) => return Err(failed(arguments.line(), rate, Error::Uart(error))),
     };
     let found = port::find_baud_rate(port, |rate| trying.set_message(format!("{rate} baud?")));
@@ -636,9 +642,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
     let why = match found {
         Ok(Search::Found(port, rate)) => return Ok((port, rate)),
         Ok(Search::Garbage) => no_baud_rate(true),
-        Ok(Search::Stranger { rate, heard, who }) => {
-            format!("at {rate} baud, {who} ({})", stranger::shown(&heard))
-        }
+        Ok(Search::Stranger(stranger)) => stranger.to_string(),
         Ok(Search::Silence) => no_baud_rate(false),
         Err(error) => return Err(failed(arguments.line(), rate, error)),
     };

@@ -109,6 +109,20 @@ fn strangers_are_named() {
     });
 }
 
+/// Both cameras look alike, and so does a Pixy2 that plays the other.
+#[test]
+fn an_original_pixy_is_named() {
+    let frame = b"\x55\xAA\x55\xAA\x43\x01\x01\0\x9E\0\x68\0\x1E\0\x1E\0";
+    for (kind, to) in [("cmucam2", b"\r"), ("pixy2", b"\xAF")] {
+        let (camera, _port, name) = LineEnd::pair();
+        thread::spawn(move || answer(camera, to, frame));
+        let text = failure(&["--camera", kind, "--port", &name, "--baud", "19200"]);
+        for words in ["an original Pixy", "a Pixy2 is needed", "at 19200 baud"] {
+            assert!(text.contains(words), "{kind}: no {words} in {text}");
+        }
+    }
+}
+
 /// Answers each of these bytes until the line is closed.
 fn answer(mut line: LineEnd, to: &[u8], says: &[u8]) {
     let mut byte = [0];
@@ -956,6 +970,13 @@ fn a_pixy2_has_one_rate() {
     assert!(done.stderr.contains(found), "{}", done.stderr);
     let text = failure(&[&probe[1..], &["--baud", "115200"]].concat());
     assert!(text.contains("no Pixy2 answers"), "{text}");
+    // PixyMon offers it, though no jumper of a CMUcam2 does.
+    let fast = ["--emulate", "baud=230400", "--count", "1"];
+    for baud in ["230400", "auto"] {
+        let done = run(&[&probe[..], &fast, &["--baud", baud]].concat());
+        let found = "a Pixy2 at 230400 baud";
+        assert!(done.stderr.contains(found), "{}", done.stderr);
+    }
 }
 
 /// On a pseudo-terminal: its ball is straight ahead within the way that it is moved.
