@@ -66,7 +66,8 @@ pub trait BlobCamera {
     /// kept"), and looks how much of the background has it. What was begun is ended.
     ///
     /// # Errors
-    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it;
+    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it,
+    /// [`VisionError::PartOfObject`] where only a part of the object has;
     /// [`VisionError::Unable`] of a camera that was taught its colours beforehand.
     fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>>;
 
