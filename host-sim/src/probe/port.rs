@@ -3,6 +3,7 @@
 use std::{
     collections::VecDeque,
     fmt, io,
+    os::fd::OwnedFd,
     path::Path,
     str::FromStr,
     sync::{
@@ -16,6 +17,10 @@ use std::{
 use cmucam2_driver::{
     Cmucam2, Command, Error,
     session::{Fault, Policy},
+};
+use rustix::{
+    fs::{Mode, OFlags},
+    termios::{OptionalActions, tcgetattr, tcsetattr},
 };
 use serialport::SerialPort;
 
@@ -226,7 +231,38 @@ pub trait Wire: Send {
 /// A serial port, in real time.
 struct Serial {
     port: Box<dyn SerialPort>,
+    /// The same device.
+    modes: Option<OwnedFd>,
     opened: Instant,
+}
+
+impl Serial {
+    fn open(path: &str, baud_rate: u32) -> Result<Self, OpenError> {
+        // Before the port is locked; where it is already, that is told below.
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let modes = rustix::fs::open(path, flags, Mode::empty()).ok();
+        let port = open(path, baud_rate, WRITE_TIMEOUT)?;
+        let opened = Instant::now();
+        let this = Self {
+            port,
+            modes,
+            opened,
+        };
+        this.name_rate(baud_rate);
+        Ok(this)
+    }
+
+    /// The library sets every rate as a number. Programs at the other end of a pseudo-terminal that only know
+    /// the usual rates by their names see none then, so these are set by name.
+    fn name_rate(&self, rate: u32) {
+        let named = self.modes.as_ref().and_then(|device| {
+            let mut modes = tcgetattr(device).ok()?;
+            modes.set_speed(rate).ok()?;
+            tcsetattr(device, OptionalActions::Now, &modes).ok()
+        });
+        // The rate itself is set in any case.
+        named.unwrap_or_default();
+    }
 }
 
 impl Wire for Serial {
@@ -239,7 +275,9 @@ impl Wire for Serial {
     }
 
     fn set_baud_rate(&mut self, rate: u32) -> io::Result<()> {
-        Ok(self.port.set_baud_rate(rate)?)
+        self.port.set_baud_rate(rate)?;
+        self.name_rate(rate);
+        Ok(())
     }
 
     fn is_ready(&mut self) -> io::Result<bool> {
@@ -312,9 +350,7 @@ impl Port {
         baud_rate: u32,
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
-        let port = open(path, baud_rate, WRITE_TIMEOUT)?;
-        let opened = Instant::now();
-        let wire = Arc::new(Mutex::new(Serial { port, opened }));
+        let wire = Arc::new(Mutex::new(Serial::open(path, baud_rate)?));
         Ok(Self::on(wire, interrupted))
     }
 
@@ -714,6 +750,27 @@ mod tests {
             self.read = self.now;
             Ok(())
         }
+    }
+
+    /// A program at the other end may know usual rates by their names only: 0o16 is 19,200 baud, and 0o10000 a
+    /// rate that is a number.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_usual_rate_has_its_name() {
+        const RATE_BITS: u32 = 0o10017;
+        let (_other, end) = serialport::TTYPort::pair().unwrap();
+        let name = end.name().unwrap();
+        drop(end);
+        let mut serial = Serial::open(&name, 19_200).unwrap();
+        let mut bits = |rate| {
+            serial.set_baud_rate(rate).unwrap();
+            let modes = tcgetattr(serial.modes.as_ref().unwrap()).unwrap();
+            assert_eq!(modes.output_speed(), rate);
+            modes.control_modes.bits() & RATE_BITS
+        };
+        assert_eq!(bits(19_200), 0o16);
+        assert_eq!(bits(14_400), 0o10000);
+        assert_eq!(bits(115_200), 0o10002);
     }
 
     #[test]
