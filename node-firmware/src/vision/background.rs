@@ -224,7 +224,6 @@ mod tests {
                     windows.iter().filter(has).count()
                 };
                 let last = |side: u8| side - 1 + first;
-                let all = windows.into_iter().chain(middle(frame, first));
                 let mut count = 0;
                 for x in first..=last(width) {
                     for y in first..=last(height) {
