@@ -12,7 +12,7 @@
 //! | the sensors that `c6` and `c7` name | [`sensor_of_module`] |
 //! | the order of the six numbers of `GT` | [`bounds_from_reply`] |
 //! | whether coordinates begin at 0 or 1, and whether they are relative to the window | both, see [`last_coordinate`] |
-//! | whether a separator 02 leads the first row of a frame, and whether one precedes its end | any; rows are counted |
+//! | whether a separator 02 leads the first row of a frame, whether one precedes its end, and whether there is any | all; rows are counted |
 //! | whether `TW` sends an S packet before its first T packet | both; its mean is used if it comes |
 //! | whether `GH` sends one packet or a stream | both; a stream is stopped after the first packet |
 //! | whether an empty packet begins a stream under packet filter | both; silence is no error until a target was seen |

@@ -42,6 +42,8 @@ settings! {
         stop_within_packet = 1, up to 1;
         /// A stop takes effect 0 after the frame that is being sent, 1 within it
         stop_within_frame = 1, up to 1;
+        /// 02 between the rows of a frame: 0 no, nor before or after them, 1 yes
+        row_marks = 1, up to 1;
         /// 02 before the first row of a frame: 0 no, 1 yes
         first_row_mark = 0, up to 1;
         /// 02 after the last row of a frame: 0 no, 1 yes

@@ -11,12 +11,12 @@
 //! # The device at the other end
 //! A Pixy2 whose data port is set to UART (`PixyMon`: Configure, Interface, "Data out port"), in the
 //! program `color_connected_components`. Its rate is set there too, 19200 by default: a request of one
-//! block and its answer then take 14 ms, of the 16 of a frame. Colours, "signatures" 1 to 7, are taught
+//! block and its answer then take 15 ms, of the 16 of a frame. Colours, "signatures" 1 to 7, are taught
 //! with its button or in `PixyMon`; that cannot be done over the UART, nor can exposure be fixed.
 //!
 //! Numbers are little-endian. The facts are those of the maker's public host library and firmware
-//! (`charmedlabs/pixy2`): types of packets, layouts, errors, and that both sides may leave checksums
-//! away.
+//! (`charmedlabs/pixy2`): types of packets, layouts, errors, and that all it sends over its UART has a
+//! checksum.
 //!
 //! # Example
 //! On a board, `uart` and `delay` come from its HAL.

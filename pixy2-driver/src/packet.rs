@@ -1,14 +1,17 @@
 //! Requests as bytes, and bytes as packets.
 //!
-//! A packet is a synchronisation word, a type, the length of its payload, perhaps a checksum (the sum of
-//! the payload's bytes), and the payload. Words are little-endian.
+//! A packet is a synchronisation word, a type, the length of its payload, a checksum (the sum of the
+//! payload's bytes), and the payload. Words are little-endian. The form without a checksum is neither sent,
+//! for a damaged request would be obeyed as another one, nor taken: the camera never sends it, and one
+//! damaged bit makes it of the other.
 
-/// Begins a packet without a checksum; its lower byte.
-const SYNC_PLAIN: u8 = 0xAE;
-/// Begins one with a checksum.
-const SYNC_SUMMED: u8 = 0xAF;
-/// The upper byte of both.
+/// Begins a packet with a checksum; its lower byte.
+const SYNC: u8 = 0xAF;
+/// The upper byte.
 const SYNC_HIGH: u8 = 0xC1;
+
+/// Bytes before the payload: the two above, type, length and checksum.
+const HEAD: u8 = 6;
 
 /// The longest payload: the length is one byte.
 pub const PAYLOAD_MAX: usize = 255;
@@ -44,6 +47,15 @@ impl Signatures {
         match signature {
             1..=7 => Self(1 << (signature - 1)),
             _ => Self::ALL,
+        }
+    }
+
+    /// Whether a block of this signature is asked for. The uppermost bit stands for colour codes.
+    pub(crate) const fn has(self, signature: u16) -> bool {
+        match signature {
+            0 => false,
+            1..=7 => self.0 >> (signature - 1) & 1 != 0,
+            _ => self.0 & 0x80 != 0,
         }
     }
 }
@@ -91,7 +103,7 @@ impl Encoded {
 }
 
 impl Request {
-    /// Its bytes, without a checksum.
+    /// Its bytes.
     pub fn encode(self) -> Encoded {
         let (kind, [first, second], len) = match self {
             Self::Version => (0x0E, [0; 2], 0),
@@ -101,9 +113,10 @@ impl Request {
             Self::Lamp { upper, lower } => (0x16, [u8::from(upper), u8::from(lower)], 2),
             Self::FramesPerSecond => (0x18, [0; 2], 0),
         };
+        let [low, high] = (u16::from(first) + u16::from(second)).to_le_bytes();
         Encoded {
-            bytes: [SYNC_PLAIN, SYNC_HIGH, kind, len, first, second, 0, 0],
-            len: 4 + len,
+            bytes: [SYNC, SYNC_HIGH, kind, len, low, high, first, second],
+            len: HEAD + len,
         }
     }
 
@@ -120,16 +133,11 @@ impl Request {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Before the upper byte of a synchronisation word. `Some` if its lower one came last; true if a checksum
-    /// follows.
-    Sync(Option<bool>),
-    Kind {
-        summed: bool,
-    },
-    Length {
-        summed: bool,
-    },
-    /// Number of its bytes that have come.
+    /// Before the upper byte of the synchronisation word; whether its lower one came last.
+    Sync(bool),
+    Kind,
+    Length,
+    /// How many of its bytes have come.
     Sum(u8),
     Payload {
         got: u8,
@@ -153,17 +161,17 @@ pub struct Parser {
     state: State,
     kind: u8,
     length: u8,
-    sum: Option<u16>,
+    sum: u16,
     payload: [u8; PAYLOAD_MAX],
 }
 
 impl Default for Parser {
     fn default() -> Self {
         Self {
-            state: State::Sync(None),
+            state: State::Sync(false),
             kind: 0,
             length: 0,
-            sum: None,
+            sum: 0,
             payload: [0; PAYLOAD_MAX],
         }
     }
@@ -172,7 +180,7 @@ impl Default for Parser {
 impl Parser {
     /// Drops a packet that has begun.
     pub fn clear(&mut self) {
-        self.state = State::Sync(None);
+        self.state = State::Sync(false);
     }
 
     /// Payload of the packet that came last.
@@ -185,31 +193,22 @@ impl Parser {
     /// Takes a byte.
     pub fn push(&mut self, byte: u8) -> Heard {
         self.state = match self.state {
-            State::Sync(Some(summed)) if byte == SYNC_HIGH => State::Kind { summed },
-            State::Sync(_) => State::Sync(match byte {
-                SYNC_PLAIN => Some(false),
-                SYNC_SUMMED => Some(true),
-                _ => None,
-            }),
-            State::Kind { summed } => {
+            State::Sync(true) if byte == SYNC_HIGH => State::Kind,
+            State::Sync(_) => State::Sync(byte == SYNC),
+            State::Kind => {
                 self.kind = byte;
-                State::Length { summed }
+                State::Length
             }
-            State::Length { summed } => {
+            State::Length => {
                 self.length = byte;
-                self.sum = None;
-                match (summed, byte) {
-                    (true, _) => State::Sum(0),
-                    (false, 0) => return self.ended(),
-                    (false, _) => State::Payload { got: 0 },
-                }
+                State::Sum(0)
             }
             State::Sum(0) => {
-                self.sum = Some(byte.into());
+                self.sum = byte.into();
                 State::Sum(1)
             }
             State::Sum(_) => {
-                self.sum = self.sum.map(|low| low | u16::from(byte) << 8);
+                self.sum |= u16::from(byte) << 8;
                 if self.length == 0 {
                     return self.ended();
                 }
@@ -229,12 +228,13 @@ impl Parser {
     }
 
     fn ended(&mut self) -> Heard {
-        self.state = State::Sync(None);
+        self.state = State::Sync(false);
         // 255 bytes of 255 fit.
         let sum: u16 = self.payload().iter().copied().map(u16::from).sum();
-        match self.sum {
-            Some(told) if told != sum => Heard::Damaged,
-            _ => Heard::Packet(self.kind),
+        if self.sum == sum {
+            Heard::Packet(self.kind)
+        } else {
+            Heard::Damaged
         }
     }
 }
@@ -257,7 +257,7 @@ mod tests {
         all.filter(|heard| *heard != Heard::Nothing).collect()
     }
 
-    /// The maker's documentation has these bytes.
+    /// The maker's documentation has these types and payloads.
     #[test]
     fn requests_as_the_maker_writes_them() {
         let blocks = Request::Blocks {
@@ -265,15 +265,15 @@ mod tests {
             most: 2,
         };
         for (request, bytes) in [
-            (Request::Version, &[0xAE, 0xC1, 0x0E, 0][..]),
-            (Request::Resolution, &[0xAE, 0xC1, 0x0C, 1, 0]),
-            (blocks, &[0xAE, 0xC1, 0x20, 2, 1, 2]),
+            (Request::Version, &[0xAF, 0xC1, 0x0E, 0, 0, 0][..]),
+            (Request::Resolution, &[0xAF, 0xC1, 0x0C, 1, 0, 0, 0]),
+            (blocks, &[0xAF, 0xC1, 0x20, 2, 3, 0, 1, 2]),
             (
                 Request::Lamp {
                     upper: true,
                     lower: false,
                 },
-                &[0xAE, 0xC1, 0x16, 2, 1, 0],
+                &[0xAF, 0xC1, 0x16, 2, 1, 0, 1, 0],
             ),
         ] {
             assert_eq!(request.encode().as_bytes(), bytes);
@@ -282,23 +282,30 @@ mod tests {
             (Signatures::one(7), Signatures::one(8)),
             (Signatures(64), Signatures::ALL)
         );
+        let all = Request::Blocks {
+            of: Signatures::ALL,
+            most: 2,
+        };
+        assert_eq!(all.encode().as_bytes()[4..], [1, 1, 255, 2]);
     }
 
     #[test]
-    fn packets_with_and_without_checksums_among_other_bytes() {
+    fn packets_with_a_checksum_that_holds_among_other_bytes() {
         let resolution = Heard::Packet(kind::RESOLUTION);
         let plain = [0xAE, 0xC1, 0x0D, 4, 0x3C, 1, 0xD0, 0];
         let summed = [0xAF, 0xC1, 0x0D, 4, 0x0D, 1, 0x3C, 1, 0xD0, 0];
-        assert_eq!(heard(&plain), [resolution]);
+        assert_eq!(heard(&plain), []);
         assert_eq!(heard(&summed), [resolution]);
-        let mut damaged = summed;
-        damaged[8] ^= 4;
-        assert_eq!(heard(&damaged), [Heard::Damaged]);
+        for (place, heard_of_it) in [(0, &[][..]), (8, &[Heard::Damaged])] {
+            let mut damaged = summed;
+            damaged[place] ^= 1;
+            assert_eq!(heard(&damaged), heard_of_it);
+        }
         let among = [
             &[0xC1, 0xAF, 0xAE, 0xAF][..],
             &summed,
             &[0xC1, 0x55],
-            &plain,
+            &summed,
         ]
         .concat();
         assert_eq!(heard(&among[..3 + 10]), []);

@@ -5,8 +5,9 @@
 //! [`deadline`](Session::deadline) is reached; look for the [`outcome`](Session::outcome) after each.
 //! Times are microseconds from any origin and must not run backwards.
 //!
-//! A request that is not answered, or whose answer is damaged, is repeated. A camera that is busy, for it
-//! starts or has no new frame yet, is asked again until it has an answer, as long as [`Policy`] says.
+//! A request that is not answered or refused, or whose answer is damaged or that to another request, is
+//! repeated: the line may have made another one of it. A camera that is busy, for it starts or has no new
+//! frame yet, is asked again until it has an answer, as long as [`Policy`] says.
 
 use core::fmt;
 
@@ -25,7 +26,7 @@ const PROGRAM_CHANGING: i8 = -6;
 pub struct Policy {
     /// Silence after which a request was not heard. The camera answers within 0.1 ms.
     pub reply_us: u32,
-    /// Pause before a busy camera is asked again.
+    /// Pause before a camera that is busy or refuses is asked again.
     pub pause_us: u32,
     /// Longest time for which it may be busy. It starts in about two seconds.
     pub busy_us: u32,
@@ -57,8 +58,8 @@ pub enum Fault {
     Garbled,
     /// The camera is busy all the time.
     Busy,
-    /// The camera refuses: the number of its reason. -4 is a request that its program does not know, -5 that its
-    /// button is pressed.
+    /// The camera refuses each time: its number for why. -4 is a request that its program does not know, -5
+    /// somebody who holds its button.
     Refused(i8),
 }
 
@@ -70,7 +71,14 @@ impl fmt::Display for Fault {
             }
             Self::Garbled => "the Pixy2's answers are damaged: check baud rate and cable",
             Self::Busy => "the Pixy2 is busy all the time: does it run color_connected_components?",
-            Self::Refused(why) => return write!(f, "the Pixy2 refuses: error {why}"),
+            Self::Refused(why) => {
+                let hint = match why {
+                    -4 => ": does it run color_connected_components?",
+                    -5 => ": is its button held?",
+                    _ => "",
+                };
+                return write!(f, "the Pixy2 refuses: error {why}{hint}");
+            }
         })
     }
 }
@@ -128,8 +136,8 @@ pub struct Session {
     /// It is given up that is busy at this time.
     busy_until: u64,
     tries: u8,
-    /// Something came that was no answer.
-    garbled: bool,
+    /// Why the request fails, if it is never answered: what came last that was no answer.
+    fault: Fault,
 }
 
 impl Session {
@@ -145,7 +153,7 @@ impl Session {
             deadline: 0,
             busy_until: 0,
             tries: 0,
-            garbled: false,
+            fault: Fault::Silence,
         }
     }
 
@@ -159,7 +167,7 @@ impl Session {
         self.request = request;
         self.encoded = request.encode();
         self.tries = 0;
-        self.garbled = false;
+        self.fault = Fault::Silence;
         self.busy_until = now.saturating_add(self.policy.busy_us.into());
         self.ask(now);
     }
@@ -171,17 +179,30 @@ impl Session {
         self.deadline = now.saturating_add(self.policy.reply_us.into());
     }
 
-    fn ask_again(&mut self, now: u64) {
+    /// One of its tries has failed. Tells whether it may be asked again.
+    fn has_another_try(&mut self) -> bool {
         self.tries = self.tries.saturating_add(1);
         if self.tries > self.policy.retries {
-            let fault = match self.garbled {
-                true => Fault::Garbled,
-                false => Fault::Silence,
-            };
-            self.state = State::Over(Err(fault));
-        } else {
+            self.state = State::Over(Err(self.fault));
+            return false;
+        }
+        true
+    }
+
+    fn ask_again(&mut self, now: u64) {
+        if self.has_another_try() {
             self.ask(now);
         }
+    }
+
+    fn garbled(&mut self, now: u64) {
+        self.fault = Fault::Garbled;
+        self.ask_again(now);
+    }
+
+    fn pause(&mut self, now: u64) {
+        self.state = State::Pause;
+        self.deadline = now.saturating_add(self.policy.pause_us.into());
     }
 
     /// Bytes to send.
@@ -232,31 +253,32 @@ impl Session {
             Heard::Nothing => {
                 // A byte of noise must not keep it waiting for ever: the time runs on.
             }
-            Heard::Damaged => {
-                self.garbled = true;
-                self.ask_again(now);
-            }
-            Heard::Packet(kind::ERROR) => self.refused(now),
+            Heard::Damaged => self.garbled(now),
+            Heard::Packet(kind::ERROR) => match *self.parser.payload() {
+                [why] => self.refused(why.cast_signed(), now),
+                _ => self.garbled(now),
+            },
             Heard::Packet(kind) if kind == self.request.answered_by() => match self.answer() {
                 Some(answer) => self.state = State::Over(Ok(answer)),
-                None => self.garbled = true,
+                None => self.garbled(now),
             },
-            // The answer to a request that was given up.
-            Heard::Packet(_) => self.garbled = true,
+            // The answer to a request that was given up: that to this one may follow.
+            Heard::Packet(_) => self.fault = Fault::Garbled,
         }
     }
 
-    fn refused(&mut self, now: u64) {
-        let why = self.parser.payload().first().copied().unwrap_or_default();
-        match why.cast_signed() {
+    fn refused(&mut self, why: i8, now: u64) {
+        match why {
             BUSY | PROGRAM_CHANGING if now >= self.busy_until => {
                 self.state = State::Over(Err(Fault::Busy));
             }
-            BUSY | PROGRAM_CHANGING => {
-                self.state = State::Pause;
-                self.deadline = now.saturating_add(self.policy.pause_us.into());
+            BUSY | PROGRAM_CHANGING => self.pause(now),
+            why => {
+                self.fault = Fault::Refused(why);
+                if self.has_another_try() {
+                    self.pause(now);
+                }
             }
-            why => self.state = State::Over(Err(Fault::Refused(why))),
         }
     }
 
@@ -271,9 +293,15 @@ impl Session {
                 build: number(4)?,
             })),
             Request::Resolution => Some(Answer::Resolution(number(0)?, number(2)?)),
-            Request::Blocks { .. } => {
-                let whole = payload.len().is_multiple_of(BLOCK_BYTES);
-                whole.then_some(Answer::Blocks)
+            Request::Blocks { of, most } => {
+                let (blocks, rest) = payload.as_chunks::<BLOCK_BYTES>();
+                let is_asked_for = |block: &[u8; BLOCK_BYTES]| {
+                    Block::from_bytes(block).is_some_and(|block| of.has(block.signature))
+                };
+                let fits = rest.is_empty()
+                    && blocks.len() <= usize::from(most)
+                    && blocks.iter().all(is_asked_for);
+                fits.then_some(Answer::Blocks)
             }
             Request::Brightness(_) | Request::Lamp { .. } | Request::FramesPerSecond => {
                 let bytes = payload.first_chunk()?;

@@ -9,7 +9,8 @@
 //! |---|---|
 //! | here | Power, frames and answers |
 //! | [`wire`] | Packets, and bytes with their times |
-//! | [`sight`] | Units of a frame that have a signature's colour, and the blobs of these |
+//! | [`note`] | Requests and their answers, for who watches |
+//! | [`sight`] | Which units of a frame have a signature's colour, and the blobs of these |
 //!
 //! # Decided here
 //! - It needs two seconds to start, and says nothing before. Then it says that it is busy until its
@@ -18,14 +19,19 @@
 //!   that comes into view is told at once, and not only after 48 ms.
 //! - A signature is a range of chromaticity around the colour that was taught, [`TOLERANCE`] to both
 //!   sides. White balance is set by the light in which it starts, and stays; exposure follows the light.
-//! - Changing the program, servos and `getRGB` are not there: "unsupported".
+//! - It has one program, color_connected_components, and servos at which nobody looks. What other programs
+//!   answer, such as `getRGB`, is "unsupported".
 
+pub mod note;
 pub mod sight;
 pub mod wire;
 
 use cmucam2_emulator::{Rgb, Scene};
 
+use std::collections::VecDeque;
+
 use self::{
+    note::Note,
     sight::{Found, Seen},
     wire::{Request, Wire},
 };
@@ -56,10 +62,12 @@ pub struct Configuration {
     pub baud: u32,
     /// The colours that it was taught, signature 1 first, [`SIGNATURES`] at most.
     pub signatures: Vec<Rgb>,
-    /// Probability that one byte of an answer is another.
+    /// How often one byte of a request is another, and how often one of an answer.
     pub corrupt_line: f64,
     /// Seed of noise and faults.
     pub seed: u64,
+    /// Whether requests are [noted](Emulator::take_note).
+    pub watched: bool,
 }
 
 impl Default for Configuration {
@@ -70,8 +78,17 @@ impl Default for Configuration {
             signatures: vec![[230, 105, 35]],
             corrupt_line: 0.0,
             seed: 0,
+            watched: false,
         }
     }
+}
+
+/// The program that it has.
+const PROGRAM: &[u8] = b"color_connected_components";
+
+/// A name as C has it.
+fn until_nul(name: &[u8]) -> &[u8] {
+    name.split(|&byte| byte == 0).next().unwrap_or_default()
 }
 
 const ERROR: u8 = 0x03;
@@ -91,6 +108,7 @@ pub struct Emulator {
     told: Option<u64>,
     /// Number of frames in a row in which each signature was seen.
     ages: [u8; SIGNATURES],
+    notes: VecDeque<Note>,
 }
 
 impl Emulator {
@@ -108,6 +126,7 @@ impl Emulator {
             powered: 0,
             told: None,
             ages: [0; SIGNATURES],
+            notes: VecDeque::new(),
         }
     }
 
@@ -128,7 +147,7 @@ impl Emulator {
         self.ages = [0; SIGNATURES];
     }
 
-    /// Sets the probability that one byte of an answer is another, from now on.
+    /// How often one byte of a request or an answer is another, from now on.
     pub fn set_corrupt_line(&mut self, rate: f64) {
         self.configuration.corrupt_line = rate;
         self.wire.set_corrupt_line(rate);
@@ -137,11 +156,21 @@ impl Emulator {
     /// A byte that the host sent, at the time of its stop bit.
     pub fn receive(&mut self, byte: u8, at: Time) {
         let is_started = at >= self.powered + START;
-        let Some(request) = self.wire.receive(byte).filter(|_| is_started) else {
+        let Some(request) = self.wire.receive(byte) else {
             return;
         };
-        let (kind, payload) = self.answer(&request, at);
-        self.wire.send(at + THINKS, kind, &payload);
+        let answer = is_started.then(|| self.answer(&request, at));
+        if let Some((kind, payload)) = &answer {
+            self.wire.send(at + THINKS, *kind, payload);
+        }
+        if self.configuration.watched {
+            self.notes.push_back(Note { request, answer });
+        }
+    }
+
+    /// The next request that has come, if it is watched.
+    pub fn take_note(&mut self) -> Option<Note> {
+        self.notes.pop_front()
     }
 
     fn answer(&mut self, request: &Request, at: Time) -> (u8, Vec<u8>) {
@@ -162,9 +191,11 @@ impl Emulator {
                 Some(blocks) => (0x21, blocks),
                 None => error(BUSY),
             },
-            (0x10, [_]) | (0x14, [_, _, _]) | (0x16, [_, _]) => number(0),
-            (0x18, []) => number(60),
-            (0x0C | 0x20 | 0x10 | 0x14 | 0x16 | 0x18, _) => error(INVALID),
+            // It runs already. Names may be cut short.
+            (0x02, name) if PROGRAM.starts_with(until_nul(name)) => number(1),
+            (0x10, [_]) | (0x12, [_, _, _, _]) | (0x14, [_, _, _]) | (0x16, [_, _]) => number(0),
+            (0x18, _) => number(60),
+            (0x02 | 0x0C | 0x20 | 0x10 | 0x12 | 0x14 | 0x16, _) => error(INVALID),
             _ => error(UNSUPPORTED),
         }
     }
@@ -225,5 +256,71 @@ impl Emulator {
     /// Time when all that it sends without a pause is sent, or so many bytes of it.
     pub fn next_burst(&self, room: usize) -> Option<Time> {
         self.wire.sent_at(room)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Type and payload of a request, and both of the answer that the maker's firmware gives.
+    #[test]
+    fn requests_of_the_makers_library_are_answered_and_noted() {
+        let done = [0; 4].as_slice();
+        let mut program = [0; 33];
+        program[..PROGRAM.len()].copy_from_slice(PROGRAM);
+        let mut camera = Emulator::new(
+            Configuration {
+                watched: true,
+                ..Configuration::default()
+            },
+            Scene::default(),
+        );
+        for (kind, payload, answer, told) in [
+            (
+                0x12,
+                &[0xF4, 1, 0x90, 1][..],
+                (1, done),
+                "setServos (0x12) 244 1 144 1: answered 0 0 0 0",
+            ),
+            (
+                0x12,
+                &[0xF4, 1, 0x90],
+                (3, &[0xFD][..]),
+                "setServos (0x12) 244 1 144: refused, -3 (invalid request)",
+            ),
+            (
+                0x16,
+                &[1, 0],
+                (1, done),
+                "setLamp (0x16) 1 0: answered 0 0 0 0",
+            ),
+            (0x02, &program, (1, &[1, 0, 0, 0]), ": answered 1 0 0 0"),
+            (0x02, b"color\0", (1, &[1, 0, 0, 0]), ": answered 1 0 0 0"),
+            (0x02, b"video\0", (3, &[0xFD]), "refused, -3"),
+            (
+                0x70,
+                &[0, 0, 0, 0, 1],
+                (3, &[0xFC]),
+                "getRGB (0x70) 0 0 0 0 1: refused, -4 (type unsupported)",
+            ),
+            (0x20, &[1, 9], (0x21, &[]), "getBlocks (0x20) 1 9: 0 blocks"),
+            (0x20, &[1, 9], (3, &[0xFE]), "refused, -2 (busy)"),
+        ] {
+            let at = START + SECOND;
+            let request = [&[0xAE, 0xC1, kind, payload.len() as u8], payload].concat();
+            request.iter().for_each(|&byte| camera.receive(byte, at));
+            let bytes = std::iter::from_fn(|| camera.transmit(Time::MAX)).map(|(_, byte)| byte);
+            let bytes: Vec<u8> = bytes.collect();
+            assert_eq!((bytes[2], &bytes[6..]), answer, "{kind:#x} {payload:?}");
+            let note = camera.take_note().unwrap().to_string();
+            assert!(note.contains(told), "{note}");
+        }
+        // While it starts nothing is answered, but told.
+        camera.power_cycle(9 * SECOND);
+        [0xAE, 0xC1, 0x0E, 0].map(|byte| camera.receive(byte, 10 * SECOND));
+        assert_eq!(camera.transmit(Time::MAX), None);
+        let note = camera.take_note().unwrap().to_string();
+        assert!(note.contains("starts"), "{note}");
     }
 }

@@ -18,9 +18,13 @@ pub struct Request {
     pub kind: u8,
     /// Data of the request.
     pub payload: Vec<u8>,
-    /// True if it had a checksum: the answer then has one, too.
-    pub summed: bool,
 }
+
+/// The longest payload of a request.
+const REQUEST_MAX: u8 = 64;
+
+/// Bytes of a request as most are: one of these is damaged.
+const USUAL: usize = 8;
 
 /// The camera's end of the line.
 #[derive(Clone, Debug)]
@@ -29,8 +33,8 @@ pub struct Wire {
     corrupt: f64,
     random: ChaCha8Rng,
     heard: Vec<u8>,
-    /// True if the last request had a checksum.
-    summed: bool,
+    /// Which byte of what is being heard becomes another, and the bit that does it.
+    damage: Option<(usize, u8)>,
     sending: VecDeque<(Time, u8)>,
 }
 
@@ -42,7 +46,7 @@ impl Wire {
             corrupt,
             random: ChaCha8Rng::seed_from_u64(seed ^ 0x91),
             heard: Vec::new(),
-            summed: false,
+            damage: None,
             sending: VecDeque::new(),
         }
     }
@@ -53,7 +57,12 @@ impl Wire {
 
     /// Takes a byte: a request, if it is the last one of it.
     pub fn receive(&mut self, byte: u8) -> Option<Request> {
-        self.heard.push(byte);
+        if self.heard.is_empty() {
+            self.damage = self.damage_within(USUAL);
+        }
+        let (place, bit) = self.damage.unwrap_or_default();
+        let is_damaged = place == self.heard.len();
+        self.heard.push(if is_damaged { byte ^ bit } else { byte });
         loop {
             // Bytes that do not begin like a request are dropped from their beginning.
             let begins = |heard: &[u8]| match heard {
@@ -67,6 +76,10 @@ impl Wire {
             let [sync, _, kind, length, ref rest @ ..] = self.heard[..] else {
                 return None;
             };
+            if length > REQUEST_MAX {
+                self.heard.remove(0);
+                continue;
+            }
             let summed = sync == 0xAF;
             let before = if summed { 2 } else { 0 };
             let payload = rest.get(before..before + usize::from(length))?.to_vec();
@@ -77,13 +90,17 @@ impl Wire {
                 continue;
             }
             self.heard.clear();
-            self.summed = summed;
-            return Some(Request {
-                kind,
-                payload,
-                summed,
-            });
+            return Some(Request { kind, payload });
         }
+    }
+
+    /// A place below this, and the bit that is another there, as often as the line damages something.
+    fn damage_within(&mut self, length: usize) -> Option<(usize, u8)> {
+        if self.corrupt <= 0.0 || !self.random.random_bool(self.corrupt.min(1.0)) {
+            return None;
+        }
+        let place = self.random.random_range(0..length);
+        Some((place, 1 << self.random.random_range(0..8_u8)))
     }
 
     /// Sends an answer, not before this time. Every answer of this firmware has a checksum.
@@ -92,9 +109,8 @@ impl Wire {
         let mut packet = vec![0xAF, 0xC1, kind, payload.len() as u8];
         packet.extend(sum.to_le_bytes());
         packet.extend(payload);
-        if self.corrupt > 0.0 && self.random.random_bool(self.corrupt.min(1.0)) {
-            let place = self.random.random_range(0..packet.len());
-            packet[place] ^= 1 << self.random.random_range(0..8_u8);
+        if let Some((place, bit)) = self.damage_within(packet.len()) {
+            packet[place] ^= bit;
         }
         let mut at = self.sending.back().map_or(from, |&(at, _)| at.max(from));
         for byte in packet {
@@ -134,7 +150,6 @@ mod tests {
         let version = Request {
             kind: 0x0E,
             payload: vec![],
-            summed: false,
         };
         assert_eq!(heard(&[0xAE, 0xC1, 14, 0]), std::slice::from_ref(&version));
         assert_eq!(heard(&[0xC1, 0xAE, 0xAE, 0xC1, 14, 0]), [version]);
@@ -144,6 +159,8 @@ mod tests {
             (32, &[255, 1][..])
         );
         assert!(heard(&[0xAF, 0xC1, 32, 2, 0x01, 0x01, 255, 1]).is_empty());
+        // A length that no request has is not waited for.
+        assert_eq!(heard(&[0xAE, 0xC1, 14, 65, 0xAE, 0xC1, 14, 0]).len(), 1);
     }
 
     #[test]

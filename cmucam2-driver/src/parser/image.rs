@@ -12,7 +12,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImageKind {
-    /// `01 w h`, rows led by `02`, `03`: pixels of so many bytes, 16 to 240.
+    /// `01 w h`, rows with or without `02` between them, `03`: pixels of so many bytes, 16 to 240.
     Frame(u8),
     /// `AA w h`, one bit for each pixel with the leftmost in the highest bit, `AA AA`.
     Bitmap,
@@ -49,6 +49,10 @@ pub enum RowState {
     Damaged,
 }
 
+fn is_level(byte: u8) -> bool {
+    (LEVEL_MIN..=LEVEL_MAX).contains(&byte)
+}
+
 pub(super) enum Step {
     Nothing,
     Token(Token),
@@ -81,7 +85,7 @@ enum Place {
     /// The first byte of means: a level, or the number of rows.
     FirstMean,
     Row,
-    /// A frame's row is full: only a mark may follow.
+    /// A frame's row is full: a mark may follow, and must if the frame has them.
     RowFull,
     /// Marks that are missing after the last row of a bitmap or of row statistics.
     End(u8),
@@ -103,6 +107,8 @@ pub(super) struct Image {
     banner: u8,
     /// True if the number of rows comes first in means; `None` if that is not known.
     counted: Option<bool>,
+    /// Whether rows of the frame have marks, as far as it has shown.
+    marked: Option<bool>,
 }
 
 impl Image {
@@ -118,6 +124,7 @@ impl Image {
         intact: true,
         banner: 0,
         counted: None,
+        marked: None,
     };
 
     /// The image that begins with this byte, if one is expected.
@@ -245,7 +252,8 @@ impl Image {
     fn frame(&mut self, byte: u8) -> Step {
         let complete = self.rows >= u16::from(self.height);
         match (byte, self.place) {
-            (ROW_LEAD, _) => {
+            (ROW_LEAD, _) if self.marked != Some(false) => {
+                self.marked = Some(true);
                 self.place = Place::Row;
                 if self.at == 0 {
                     return Step::Nothing;
@@ -262,13 +270,25 @@ impl Image {
                 intact: self.intact && self.at == 0 && complete,
             },
             (_, _) if complete => Step::EndBefore { rows: self.rows },
-            (_, Place::RowFull) => {
+            // What seemed to begin a row without a mark was a byte too many of the one before.
+            (ROW_LEAD, _) if self.rows == 1 && self.at == 1 => {
+                self.marked = Some(true);
+                self.at = 0;
+                self.intact = false;
+                self.row_intact = true;
+                Step::Token(Token::RowAgain)
+            }
+            (_, Place::RowFull) if self.marked == Some(true) || !is_level(byte) => {
                 self.intact = false;
                 Step::Nothing
             }
             _ => {
-                let step = self.pixel(byte, (LEVEL_MIN..=LEVEL_MAX).contains(&byte));
-                if self.at == 0 {
+                if self.place == Place::RowFull {
+                    self.marked = Some(false);
+                    self.place = Place::Row;
+                }
+                let step = self.pixel(byte, is_level(byte));
+                if self.at == 0 && self.marked != Some(false) {
                     self.place = Place::RowFull;
                 }
                 step

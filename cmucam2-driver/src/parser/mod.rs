@@ -57,6 +57,8 @@ pub enum Token {
     Pixel(u8, RowState),
     /// A row ended after so many bytes, before it was full.
     RowCut(u16),
+    /// The bytes of the row so far were none of it: it begins only now.
+    RowAgain,
     /// The last row is over.
     ImageEnd {
         /// Number of rows that came.
@@ -576,7 +578,9 @@ impl Parser {
         let step = self.image.push(byte, &self.expectation);
         match step {
             image::Step::Token(event) => {
-                if let Token::Pixel(_, RowState::Damaged) | Token::RowCut(_) = event {
+                if let Token::Pixel(_, RowState::Damaged) | Token::RowCut(_) | Token::RowAgain =
+                    event
+                {
                     self.dropped.count(Reason::Image);
                 }
                 Some(event)

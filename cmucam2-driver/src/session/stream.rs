@@ -92,6 +92,10 @@ impl Stream {
                     intact: false,
                 })
             }
+            Token::RowAgain => {
+                self.row_at = 0;
+                None
+            }
             Token::ImageEnd { rows, intact } => {
                 self.row_bytes = 0;
                 Some(Answer::End { rows, intact })

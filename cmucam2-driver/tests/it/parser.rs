@@ -221,23 +221,32 @@ fn frames_with_every_separator_variant() {
         },
         Token::Prompt,
     ];
-    for first in [&[][..], &[2]] {
-        for last in [&[][..], &[2]] {
-            let bytes = [
-                &[1, 3, 2],
-                first,
-                &[16, 17, 18, 2, 19, 20, 240],
-                last,
-                b"\x03:",
-            ]
-            .concat();
-            let mut parser = Parser::new(Expectation {
-                image: ImageExpectation::Frame(1),
-                ..Expectation::default()
-            });
-            assert_eq!(events(&mut parser, &bytes), expected);
-            assert_eq!(parser.dropped().bytes, 0);
-        }
+    let mark = [2];
+    let (no, yes) = (&mark[..0], &mark[..]);
+    for marks in [
+        [no, yes, no],
+        [no, yes, yes],
+        [yes, yes, no],
+        [yes, yes, yes],
+        [no, no, no],
+    ] {
+        let [first, between, last] = marks;
+        let bytes = [
+            &[1, 3, 2],
+            first,
+            &[16, 17, 18],
+            between,
+            &[19, 20, 240],
+            last,
+            b"\x03:",
+        ]
+        .concat();
+        let mut parser = Parser::new(Expectation {
+            image: ImageExpectation::Frame(1),
+            ..Expectation::default()
+        });
+        assert_eq!(events(&mut parser, &bytes), expected, "{marks:?}");
+        assert_eq!(parser.dropped().bytes, 0);
     }
 }
 
@@ -264,6 +273,15 @@ fn damaged_frames_are_told_row_by_row() {
     let got = frame(&[2, 16, 17, 18, 18, 2, 19, 20, 21, 3]);
     assert_eq!(got.last(), Some(&damaged));
     assert_eq!(got.len(), 7);
+    // In the first row, where a frame without marks looks alike: the next row is in its place all the same.
+    let got = frame(&[16, 17, 18, 18, 2, 19, 20, 21, 2, 3]);
+    assert_eq!(got[4], Token::RowAgain);
+    assert_eq!(got[7], Token::Pixel(21, RowState::Full));
+    assert_eq!(got.last(), Some(&damaged));
+    // Without marks a pixel that cannot be is damaged, even if it looks like one.
+    let got = frame(&[16, 17, 18, 19, 20, 2, 3]);
+    assert_eq!(got[5], Token::Pixel(2, RowState::Damaged));
+    assert_eq!(got.last(), Some(&damaged));
     // A level that no pixel has.
     let got = frame(&[2, 16, 255, 18, 2, 19, 20, 21, 3]);
     assert_eq!(got[2], Token::Pixel(18, RowState::Damaged));

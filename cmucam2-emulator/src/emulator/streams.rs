@@ -257,10 +257,12 @@ impl Emulator {
             return;
         };
         // Between two rows there is one mark, whichever of them it belongs to.
-        let before = y == region.y1 && self.switches().first_row_mark == 1;
-        let after = y < region.y2 || self.switches().last_row_mark == 1;
+        let switches = self.switches();
+        let before = y == region.y1 && switches.first_row_mark == 1;
+        let after = y < region.y2 || switches.last_row_mark == 1;
+        let marks = [before, after].map(|mark| mark && switches.row_marks == 1);
         let view = self.view(&dump.snapshot);
-        let row = frame_dump::row(&view, region, y, dump.channel, [before, after]);
+        let row = frame_dump::row(&view, region, y, dump.channel, marks);
         self.say(&row);
         if y < region.y2 {
             dump.row = Some(y + 1);

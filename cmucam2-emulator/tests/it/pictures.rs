@@ -325,6 +325,10 @@ fn a_frame_that_is_sent_is_the_picture() {
             last_row_mark: 0,
             ..Switches::default()
         },
+        Switches {
+            row_marks: 0,
+            ..Switches::default()
+        },
     ] {
         let configuration = Configuration {
             switches,

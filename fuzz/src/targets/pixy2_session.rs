@@ -43,7 +43,7 @@ pub(crate) fn run(input: &[u8]) {
     let _ = session.outcome();
     session.begin(Request::Resolution, now);
     session.sent(5);
-    for byte in [0xAE, 0xC1, 0x0D, 4, 1, 2, 3, 4] {
+    for byte in [0xAF, 0xC1, 0x0D, 4, 10, 0, 1, 2, 3, 4] {
         session.receive(byte, now);
     }
     assert_eq!(

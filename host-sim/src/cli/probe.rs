@@ -14,22 +14,24 @@ use clap::{Args, ValueEnum};
 use cmucam2_driver::{
     Command, Error,
     colour::ColourBounds,
-    geometry::{Sensor, Size},
+    command::{LineMode, OutputMask, RawMode, StatisticsLines, TrackingLines},
+    geometry::{DownSampling, Sensor, Size},
     packet::Tracking,
+    servo::ServoMask,
     session::{Fault, Learn, StartUp},
 };
 use host_sim::probe::{
     Device, View,
-    advice::{advice, fell_silent, no_baud_rate},
+    advice::{advice, fell_silent, garbled_since, no_baud_rate},
     colour::{self, Judged},
     display::doubt,
     picture,
-    port::{self, Baud, Clock, Heard, Port, PortError, Search},
+    port::{self, Baud, Clock, Heard, Overheard, Port, PortError, Search},
     record::{self, Recording},
     sensor_name, stranger,
 };
 use indicatif::ProgressBar;
-use node_firmware::vision::BackgroundShare;
+use node_firmware::vision::{BackgroundShare, VisionError};
 
 use super::{
     camera::emulated,
@@ -71,7 +73,7 @@ pub(super) struct Arguments {
         value_parser = clap::value_parser!(u8).range(1..=7)
     )]
     signature: u8,
-    /// Rate that the camera's jumpers select; `auto` tries all eight rates, the fastest first.
+    /// What the camera's jumpers select, or what is set in a Pixy2; `auto` tries all rates that are usual.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
     /// Time that the camera has to adapt to the light before gain and white balance are frozen.
@@ -80,7 +82,8 @@ pub(super) struct Arguments {
         conflicts_with = "as_is"
     )]
     settle: f64,
-    /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up.
+    /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up. Modes that
+    /// other programs have set since, such as DS, VW or OM, are put back.
     #[arg(long)]
     as_is: bool,
     /// Track this colour instead of learning one: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax, each 0 to 255.
@@ -151,7 +154,8 @@ Bringing up a camera:
      --colour; pixels have 16 to 240, bounds may be anything from 0 to 255. Every pixel is there twice, side by side, because the camera's pixels are
      twice as wide as tall.
   3. host-sim probe --port /dev/ttyUSB0 --fov-deg 45
-     Bearings are positive to the left. Their sigma is that of whole columns.
+     Bearings are positive to the left, those of the object's middle between its edges. Their sigma is that
+     of whole columns.
   4. host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --case north
      Type where the object stands, X,Y, once it stands there; three places or more, not on one
      line with the camera. `q` or Ctrl-D ends. Then:
@@ -161,7 +165,8 @@ Bringing up a camera:
 How much of the background has the colour that was learnt is looked at while the object is still in the
 middle; hands and arms are background, too. Where it is more than nothing, narrower bounds are searched
 for in the camera's histograms. Bounds that 1 % of the background has, and no narrower ones for which
-that is not so, are refused; those of --colour never are.
+that is not so, are refused; those of --colour never are. Neither are bounds taken that only a part of
+the object has, such as its lit side: wider ones are tried, and what holds no whole object is refused.
 
 Single sightings without resetting the camera in between (run 3 starts it up):
   host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --as-is --at 1.5,-2
@@ -178,8 +183,8 @@ reported, and no sighting is recorded from then on.
 
 JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
 pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearings also without
---fov-deg and where the object is cut off by the left or right border. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
-column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
+--fov-deg and where the object is cut off by the left or right border or partly hidden. With --record, one
+per sighting: case, target_x, target_y, column, sigma_rad, column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
 damaged_rows. Everything else goes to the standard error output.
 
 Without a camera (--emulate): NAME is baud, fault, scene, seed, sensor, switch or taught, as of `host-sim camera`, or
@@ -203,6 +208,8 @@ struct Bench<'a> {
     baud_rate: u32,
     view: View,
     person: Person,
+    /// It has told who it is: its rate is right.
+    is_known: bool,
     /// Restarts since the last packet.
     restarts: u8,
     /// Packets that have come.
@@ -214,7 +221,29 @@ struct Bench<'a> {
 /// The number of the first column and row, unless it is known otherwise: most sources agree.
 const USUAL_FIRST: u8 = 1;
 
-/// Number of restarts without a packet in between after which the camera is given up.
+/// Modes in which other programs may have left the camera and which change what is counted or sent, as after
+/// a reset: how things are sent comes first. Gain, white balance and colours stay.
+fn as_after_reset() -> [Command; 15] {
+    [
+        Command::RawMode(RawMode::OFF),
+        Command::LineMode(LineMode::Tracking(TrackingLines::Off)),
+        Command::LineMode(LineMode::Statistics(StatisticsLines::Off)),
+        Command::OutputMask(OutputMask::Tracking(0xFF)),
+        Command::ServoMask(ServoMask::default()),
+        Command::PollMode(false),
+        Command::PacketSkip(0),
+        Command::PacketFilter(false),
+        Command::FrameStream(false),
+        Command::BufferMode(false),
+        Command::DownSample(DownSampling::NONE),
+        Command::VirtualWindow(None),
+        Command::TrackInvert(false),
+        Command::PixelDifference(false),
+        Command::NoiseFilter(2),
+    ]
+}
+
+/// Restarts without a packet in between after which the camera is given up.
 const RESTARTS: u8 = 5;
 
 /// Result of waiting for a packet.
@@ -241,7 +270,10 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 }
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
-    // Errors in a file are told before the program waits for the camera.
+    if arguments.kind == Kind::Cmucam2 {
+        arguments.baud.of_jumpers().map_err(anyhow::Error::msg)?;
+    }
+    // What is wrong with a file is told before anyone waits for the camera.
     Files::default()
         .reads(&arguments.port)
         .writes(&arguments.frame)
@@ -299,6 +331,7 @@ impl<'a> Bench<'a> {
                 None,
             ),
             person,
+            is_known: false,
             restarts: 0,
             packets: 0,
             contradicted: false,
@@ -318,6 +351,7 @@ impl<'a> Bench<'a> {
             version = bench.camera.version().wait();
         }
         let version = version.map_err(|error| bench.not_a_camera(error))?;
+        bench.is_known = true;
         let banner = version.banner();
         tell(format_args!(
             "{} ({}) at {baud_rate} baud on {}",
@@ -337,7 +371,12 @@ impl<'a> Bench<'a> {
 
     /// Starts the camera up and sets the resolution.
     fn prepare(&mut self, sensor: Option<Sensor>) -> anyhow::Result<()> {
-        if !self.arguments.as_is {
+        if self.arguments.as_is {
+            for mode in as_after_reset() {
+                let set = self.camera.set(mode).wait();
+                set.map_err(|error| self.failed(error))?;
+            }
+        } else {
             let adapting = spinner(format!(
                 "the camera resets and adapts to the light for {} s",
                 self.arguments.settle
@@ -455,13 +494,31 @@ impl<'a> Bench<'a> {
         let looking = spinner("looking how much of the background has this colour");
         let judged = colour::judge(&mut self.camera, bounds, self.view.first());
         looking.finish_and_clear();
-        let Judged { background, better } = judged.map_err(|error| self.failed(error))?;
+        let Judged {
+            background,
+            better,
+            whole,
+        } = judged.map_err(|error| self.failed(error))?;
+        let whole = whole.ok_or_else(|| {
+            anyhow!(
+                "{}; or give --colour {} to track it all the same",
+                VisionError::PartOfObject,
+                option(bounds)
+            )
+        });
         if background == BackgroundShare::NONE {
+            let whole = whole?;
             tell("nothing in the background has this colour");
-            return Ok(bounds);
+            if whole != bounds {
+                tell(
+                    "only a part of the object has it, so wider bounds are taken that hold all of it",
+                );
+            }
+            return Ok(whole);
         }
         match better {
             Some(better) if !better.background.is_hopeless() => {
+                whole?;
                 tell(format_args!(
                     "{background} of the background has this colour ({}), so a narrower one is taken: \
                      {} of the background and {:.0} % of the object have that",
@@ -478,6 +535,7 @@ impl<'a> Bench<'a> {
                 option(bounds)
             ),
             _ => {
+                whole?;
                 tell(format_args!(
                     "warning: {background} of the background has this colour, and will be taken for \
                      the object"
@@ -526,16 +584,18 @@ impl<'a> Bench<'a> {
         });
         rows.finish_and_clear();
         let picture = taken.map_err(|error| self.failed(error))?;
-        let file = picture.png()?;
-        whole_file::write(path, file)?;
         let (columns, rows) = picture.size();
         let damaged = picture.damaged();
-        if damaged > 0 {
-            tell(format_args!(
-                "{damaged} of {rows} rows were damaged on the line; a lower rate or a shorter cable \
-                 helps"
-            ));
+        let told = format!(
+            "{damaged} of {rows} rows were damaged on the line; a lower rate or a shorter cable helps"
+        );
+        if damaged > rows / 2 {
+            bail!("{}: {told}; no picture is left", self.arguments.line());
         }
+        if damaged > 0 {
+            tell(told);
+        }
+        whole_file::write(path, picture.png()?)?;
         if self.arguments.json {
             let file = path.display().to_string();
             let line = serde_json::json!({
@@ -558,9 +618,10 @@ impl<'a> Bench<'a> {
         match error {
             Error::Camera(Fault::Garbage | Fault::Refused { .. } | Fault::Unexpected { .. }) => {
                 match stranger::name(&heard) {
-                    Some(stranger) => {
-                        let shown = stranger::shown(&heard);
-                        anyhow!("{}: {stranger} ({shown})", self.arguments.line())
+                    Some(who) => {
+                        let rate = self.baud_rate;
+                        let stranger = Overheard { rate, heard, who };
+                        anyhow!("{}: {stranger}", self.arguments.line())
                     }
                     None => self.failed(error),
                 }
@@ -570,28 +631,30 @@ impl<'a> Bench<'a> {
     }
 
     fn failed(&self, error: Error<PortError>) -> anyhow::Error {
-        if self.packets > 0 && matches!(error, Error::Camera(Fault::Silence)) {
-            let why = fell_silent(self.packets);
-            return anyhow!("{}: {why}", self.arguments.line());
-        }
-        failed(self.arguments.line(), self.baud_rate, error)
+        let why = match error {
+            Error::Camera(Fault::Silence) if self.is_known => fell_silent(self.packets),
+            Error::Camera(Fault::Garbage) if self.is_known => garbled_since(self.packets),
+            error => return failed(self.arguments.line(), self.baud_rate, error),
+        };
+        anyhow!("{}: {why}", self.arguments.line())
     }
 }
 
 /// Opens the port, and finds the camera's rate if it is not given.
 fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)> {
-    let rate = match arguments.baud {
-        Baud::Rate(rate) => rate,
-        Baud::Auto => port::BAUD_RATES[0],
+    let (rate, is_known) = match arguments.baud {
+        Baud::Rate(rate) => (rate, true),
+        Baud::Auto => (port::BAUD_RATES[0], false),
     };
     let port = arguments.open(rate, person)?;
-    if arguments.baud != Baud::Auto {
+    if is_known {
         return Ok((port, rate));
     }
     let trying = spinner("");
     // Bytes that the camera already sends would be taken for garbage at every rate but its own.
     let port = match port::quieten(port, || trying.set_message(BUSY)) {
-        Ok(port) => port,
+        Ok(Ok(port)) => port,
+        Ok(Err(stranger)) => return Err(anyhow!("{}: {stranger}", arguments.line())),
         Err(error) => return Err(failed(arguments.line(), rate, Error::Uart(error))),
     };
     let found = port::find_baud_rate(port, |rate| trying.set_message(format!("{rate} baud?")));
@@ -599,9 +662,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
     let why = match found {
         Ok(Search::Found(port, rate)) => return Ok((port, rate)),
         Ok(Search::Garbage) => no_baud_rate(true),
-        Ok(Search::Stranger { rate, heard, who }) => {
-            format!("at {rate} baud, {who} ({})", stranger::shown(&heard))
-        }
+        Ok(Search::Stranger(stranger)) => stranger.to_string(),
         Ok(Search::Silence) => no_baud_rate(false),
         Err(error) => return Err(failed(arguments.line(), rate, error)),
     };

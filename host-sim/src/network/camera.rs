@@ -89,8 +89,8 @@ pub struct Pixy2Device {
 }
 
 impl Pixy2Device {
-    /// `scene` is called with the time before each byte that may ask for a frame. The only fault is
-    /// `corrupt_line`, for each answer.
+    /// `scene` is called with the time before each byte that may ask for a frame. Of the faults it has
+    /// `corrupt_line`, of each request and answer.
     pub fn new(
         emulator: pixy2_emulator::Emulator,
         scene: impl FnMut(Time, &mut Scene) + 'static,

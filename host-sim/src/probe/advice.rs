@@ -17,16 +17,33 @@ pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     }
 }
 
-/// Advice when the camera stops answering after packets have come: its set-up was right, so it is another cause.
+/// When the camera answers no more after its banner and so many packets: its rate is right.
 pub fn fell_silent(packets: u64) -> String {
-    let plural = if packets == 1 { "" } else { "s" };
+    let since = since(packets);
     listed(
-        format!("the camera has fallen silent after {packets} packet{plural}"),
+        format!("the camera has fallen silent after {since}"),
         &STOPPED,
     )
 }
 
-/// Advice when all rates were tried in vain. `heard`: true if any bytes came.
+/// When it cannot be understood any more.
+pub fn garbled_since(packets: u64) -> String {
+    let since = since(packets);
+    listed(
+        format!("what comes makes no sense any more after {since}"),
+        &DISTURBED,
+    )
+}
+
+fn since(packets: u64) -> String {
+    match packets {
+        0 => "its banner".to_owned(),
+        1 => "1 packet".to_owned(),
+        _ => format!("{packets} packets"),
+    }
+}
+
+/// When all rates were tried in vain. `heard`: whether anything came.
 pub fn no_baud_rate(heard: bool) -> String {
     if heard {
         listed(
@@ -76,6 +93,14 @@ const STOPPED: [&str; 3] = [
     "does the supply hold (200 mA, more with servos)? It may hang after a short drop: switch it off \
      and on",
     "does something else use the same port, or has the computer put the adapter to sleep?",
+];
+
+/// What makes nonsense of it that was understood before.
+const DISTURBED: [&str; 3] = [
+    "has another program set a mode that is not known here? Without --as-is the camera is started up, \
+     which ends all modes",
+    "does another program use the same port? It takes answers away, and gets others",
+    "is the ground connected, and is the cable short enough for this rate?",
 ];
 
 const RESTARTED: [&str; 2] = [

@@ -12,14 +12,14 @@ const STRIP: usize = 25;
 
 /// Content of a packet, with columns and rows counted from 0.
 ///
-/// As JSON this is an interface: names and meaning stay. Everything but `seconds` is null when nothing
-/// is tracked. The last two are also null without a camera, and where the left or right border cuts the
-/// blob off: then its middle is not the middle of the object.
+/// As JSON this is an interface: names and meaning stay. Everything but `seconds` is null when
+/// nothing is tracked; the last two are null without a camera, too, and where the blob is cut off by the
+/// left or right border or partly hidden: then its middle is not the middle of what is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PacketLine {
     /// Time since the first packet was awaited.
     pub seconds: f64,
-    /// The middle of mass.
+    /// The middle of mass, cut to a whole column by the camera.
     pub column: Option<i16>,
     /// As `column`, from the top.
     pub row: Option<i16>,
@@ -35,7 +35,7 @@ pub struct PacketLine {
     pub pixels: Option<u8>,
     /// `min(255, 256 n / area of the box)`.
     pub confidence: Option<u8>,
-    /// Radians, positive to the left.
+    /// Radians, positive to the left: the middle between both edges, as it is recorded.
     pub bearing_rad: Option<f64>,
     /// Standard deviation of `bearing_rad`, as far as it comes from whole columns.
     pub sigma_rad: Option<f64>,
@@ -49,9 +49,7 @@ impl PacketLine {
         let middle = tracking.centroid();
         let found = tracking.bounding_box();
         let column = middle.map(|(x, _)| view.from_0(x));
-        let is_whole = !view.is_clipped(tracking);
-        let bearing = column.filter(|_| is_whole);
-        let bearing = bearing.and_then(|column| view.whole_column_bearing(f64::from(column)));
+        let bearing = view.glance(tracking);
         let seen = |value: Option<u8>| value.filter(|_| !tracking.is_lost());
         Self {
             seconds,
@@ -297,15 +295,16 @@ mod tests {
 
     const SEEN: Tracking = Tracking::new([21, 70, 18, 60, 26, 82, 20, 201]);
 
-    /// tan(22.5 deg) (43.5 - 21) / 43.5 = 0.214246: 12.0923 degrees; a column is
-    /// cos(12.0923 deg)^2 tan(22.5 deg) / 43.5 rad = 0.52164 degrees there, its sigma 0.15058.
+    /// The edges are at columns 17.5 and 26.5: atan(tan(22.5 deg) 26 / 43.5) = 13.906 and, with 17,
+    /// 9.195 degrees, 11.550 in the mean; columns are 0.514 and 0.532 degrees wide there, and sigma is
+    /// 0.204 of that.
     #[test]
     fn a_packet_as_text() {
         let line = PacketLine::new(Duration::from_micros(1_234_567), &SEEN, &view());
         assert_eq!(
             line.to_string(),
             "   1.234 s  column  21 row  70  box  18  60 to  26  82  pixels  20  confidence 201  \
-             bearing  +12.09 +/- 0.15 deg"
+             bearing  +11.55 +/- 0.11 deg"
         );
         let blind = View::new(88, 0, None);
         let line = PacketLine::new(Duration::ZERO, &SEEN, &blind);
@@ -339,12 +338,13 @@ mod tests {
         };
         let at = |x1, mx, x2| screen(Tracking::new([mx, 70, x1, 60, x2, 82, 20, 201]));
         assert_eq!(
-            at(2, 3, 10),
-            "O==.........:............ column   3  bearing  +21.09 +/- 0.14 deg  confidence 201  \
+            at(2, 6, 10),
+            "=O=.........:............ column   6  bearing  +19.62 +/- 0.10 deg  confidence 201  \
              pixels  20"
         );
-        // A blob that is cut off has no middle.
-        assert!(!at(0, 1, 8).contains("bearing"));
+        // What is cut off or partly hidden has no middle.
+        assert!(!at(0, 4, 8).contains("bearing"));
+        assert!(!at(2, 3, 10).contains("bearing"));
         assert!(at(77, 87, 87).starts_with("............:........===O column  87"));
         assert_eq!(
             screen(Tracking::LOST),

@@ -22,7 +22,10 @@ pub mod stranger;
 
 use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
-use node_firmware::vision::{Blob, Grid, steady::Steady};
+use node_firmware::vision::{
+    Blob, Grid,
+    steady::{Shape, Steadiness, Steady},
+};
 
 /// The camera on a line.
 pub type Device = Cmucam2<port::Port, port::Clock>;
@@ -90,10 +93,12 @@ impl View {
         Blob::from_tracking(tracking, Grid::pixels(self.first))
     }
 
-    /// Returns true if the blob of a packet reaches the left or right border.
-    pub fn is_clipped(&self, tracking: &Tracking) -> bool {
-        let blob = self.blob(tracking);
-        blob.is_some_and(|blob| blob.is_clipped(self.columns))
+    /// The direction of what one packet shows, as that of one that stood still. `None` also where it is cut
+    /// off by the left or right border, or partly hidden.
+    pub fn glance(&self, tracking: &Tracking) -> Option<Bearing> {
+        let frame = Steadiness::<2>::new(2, self.columns, Shape::Any);
+        let seen = frame.glance(&self.blob(tracking)?)?;
+        self.bearing(&seen.steady)
     }
 
     /// The direction of a blob that stood still.
@@ -114,14 +119,6 @@ impl View {
             .unwrap_or(middle)
     }
 
-    /// The direction of a whole column, whose sigma is that of rounding.
-    pub fn whole_column_bearing(&self, column: f64) -> Option<Bearing> {
-        self.camera.map(|camera| Bearing {
-            bearing: camera.bearing(column),
-            sigma: camera.whole_pixel_sigma(column),
-        })
-    }
-
     /// The number of the first column that this packet proves, if it contradicts the one assumed.
     pub fn contradiction(&self, tracking: &Tracking) -> Option<u8> {
         let found = tracking.bounding_box()?;
@@ -137,7 +134,7 @@ mod tests {
     use super::*;
 
     fn seen(x1: u8, x2: u8) -> Tracking {
-        Tracking::new([x1, 70, x1, 60, x2, 80, 10, 200])
+        Tracking::new([u8::midpoint(x1, x2), 70, x1, 60, x2, 80, 10, 200])
     }
 
     #[test]
@@ -145,10 +142,26 @@ mod tests {
         let camera = Camera::pin_hole(87, 45_f64.to_radians()).unwrap();
         for first in [0, 1] {
             let view = View::new(87, first, Some(camera));
-            let column = f64::from(view.from_0(43 + first));
-            assert_eq!(view.whole_column_bearing(column).unwrap().bearing, 0.0);
+            let middle = seen(38 + first, 48 + first);
+            assert_eq!(view.glance(&middle).unwrap().bearing, 0.0);
+            assert!(view.glance(&seen(37 + first, 48 + first)).unwrap().bearing > 0.0);
         }
-        assert_eq!(View::new(88, 0, None).whole_column_bearing(3.0), None);
+        assert_eq!(View::new(88, 0, None).glance(&seen(38, 48)), None);
+    }
+
+    /// The middle of mass is cut to a whole column, which is half a column too little in the mean: what is
+    /// shown of a packet is the direction that is recorded of many like it.
+    #[test]
+    fn a_packet_and_a_recording_tell_the_same_direction() {
+        let camera = Camera::pin_hole(88, 60_f64.to_radians()).unwrap();
+        let view = View::new(88, 1, Some(camera));
+        for (x1, mass, x2) in [(21, 25, 30), (21, 25, 29), (60, 69, 79)] {
+            let packet = Tracking::new([mass, 70, x1, 60, x2, 80, 10, 200]);
+            let mut recorded = Steadiness::<20>::new(20, 88, Shape::Any);
+            let blob = view.blob(&packet);
+            let recorded = (0..20).map(|_| recorded.push(blob)).last().unwrap();
+            assert_eq!(view.glance(&packet), view.bearing(&recorded.unwrap()));
+        }
     }
 
     /// A file that is solved with the same camera gives back the direction that was seen.

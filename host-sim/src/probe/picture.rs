@@ -121,7 +121,12 @@ where
                     progress(picture.rows, picture.height);
                 }
             }
-            Part::End { .. } => return picture.ok_or(Error::Camera(Fault::Garbage)),
+            Part::End { intact, .. } => {
+                let mut picture = picture.ok_or(Error::Camera(Fault::Garbage))?;
+                // Bytes too many: the row where they came is not known.
+                picture.damaged += usize::from(!intact && picture.damaged() == 0);
+                return Ok(picture);
+            }
             Part::Header(_) | Part::Packet(_) | Part::Quiet => {}
         }
     }

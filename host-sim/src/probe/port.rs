@@ -3,6 +3,7 @@
 use std::{
     collections::VecDeque,
     fmt, io,
+    os::fd::OwnedFd,
     path::Path,
     str::FromStr,
     sync::{
@@ -16,6 +17,10 @@ use std::{
 use cmucam2_driver::{
     Cmucam2, Command, Error,
     session::{Fault, Policy},
+};
+use rustix::{
+    fs::{Mode, OFlags},
+    termios::{OptionalActions, tcgetattr, tcsetattr},
 };
 use serialport::SerialPort;
 
@@ -51,13 +56,36 @@ const SEARCH_RETRIES: [u8; 2] = [1, 3];
 /// Silence after which a rate is given up: twelve characters of the slowest one.
 const SEARCH_DRAIN_US: u32 = 100_000;
 
+/// Rates at which the line is listened to when something talks without being asked: as an original Pixy is
+/// shipped, and others that people set.
+const OVERHEARD_RATES: [u32; 6] = [19_200, 115_200, 57_600, 38_400, 230_400, 9_600];
+
+/// How long at each: ten pictures of an original Pixy.
+const OVERHEARD: Duration = Duration::from_millis(200);
+
 /// Bits per second, or to be found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Baud {
-    /// One of [`BAUD_RATES`].
+    /// This one.
     Rate(u32),
-    /// All of [`BAUD_RATES`] are tried.
+    /// All that are usual for the camera are tried.
     Auto,
+}
+
+impl Baud {
+    /// The same, if a CMUcam2 can have it.
+    ///
+    /// # Errors
+    /// What the camera's jumpers select.
+    pub fn of_jumpers(self) -> Result<Self, String> {
+        match self {
+            Self::Rate(rate) if !BAUD_RATES.contains(&rate) => Err(format!(
+                "--baud {rate}: the camera's jumpers select {}; `auto` tries them all",
+                BAUD_RATES.map(|rate| rate.to_string()).join(", ")
+            )),
+            baud => Ok(baud),
+        }
+    }
 }
 
 impl FromStr for Baud {
@@ -68,12 +96,8 @@ impl FromStr for Baud {
             return Ok(Self::Auto);
         }
         match text.parse() {
-            Ok(rate) if BAUD_RATES.contains(&rate) => Ok(Self::Rate(rate)),
-            _ => Err(
-                "the camera's jumpers select 115200, 57600, 38400, 19200, 9600, 4800, 2400 or \
-                 1200; `auto` tries them all"
-                    .to_owned(),
-            ),
+            Ok(rate) if rate > 0 => Ok(Self::Rate(rate)),
+            _ => Err("a number of bits per second, or `auto`".to_owned()),
         }
     }
 }
@@ -207,7 +231,38 @@ pub trait Wire: Send {
 /// A serial port, in real time.
 struct Serial {
     port: Box<dyn SerialPort>,
+    /// The same device.
+    modes: Option<OwnedFd>,
     opened: Instant,
+}
+
+impl Serial {
+    fn open(path: &str, baud_rate: u32) -> Result<Self, OpenError> {
+        // Before the port is locked; where it is already, that is told below.
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let modes = rustix::fs::open(path, flags, Mode::empty()).ok();
+        let port = open(path, baud_rate, WRITE_TIMEOUT)?;
+        let opened = Instant::now();
+        let this = Self {
+            port,
+            modes,
+            opened,
+        };
+        this.name_rate(baud_rate);
+        Ok(this)
+    }
+
+    /// The library sets every rate as a number. Programs at the other end of a pseudo-terminal that only know
+    /// the usual rates by their names see none then, so these are set by name.
+    fn name_rate(&self, rate: u32) {
+        let named = self.modes.as_ref().and_then(|device| {
+            let mut modes = tcgetattr(device).ok()?;
+            modes.set_speed(rate).ok()?;
+            tcsetattr(device, OptionalActions::Now, &modes).ok()
+        });
+        // The rate itself is set in any case.
+        named.unwrap_or_default();
+    }
 }
 
 impl Wire for Serial {
@@ -220,7 +275,9 @@ impl Wire for Serial {
     }
 
     fn set_baud_rate(&mut self, rate: u32) -> io::Result<()> {
-        Ok(self.port.set_baud_rate(rate)?)
+        self.port.set_baud_rate(rate)?;
+        self.name_rate(rate);
+        Ok(())
     }
 
     fn is_ready(&mut self) -> io::Result<bool> {
@@ -293,9 +350,7 @@ impl Port {
         baud_rate: u32,
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
-        let port = open(path, baud_rate, WRITE_TIMEOUT)?;
-        let opened = Instant::now();
-        let wire = Arc::new(Mutex::new(Serial { port, opened }));
+        let wire = Arc::new(Mutex::new(Serial::open(path, baud_rate)?));
         Ok(Self::on(wire, interrupted))
     }
 
@@ -356,7 +411,28 @@ impl Port {
         Ok(false)
     }
 
-    /// Repeats an operation that a signal other than Ctrl-C has cut short.
+    /// What talks without being asked, if that can be told at one of the usual rates.
+    fn overhear(&mut self) -> Result<Option<Overheard>, PortError> {
+        for rate in OVERHEARD_RATES {
+            self.set_baud_rate(rate)?;
+            self.patiently(|wire| wire.clear())?;
+            self.heard.forget();
+            let begun = self.clock.now();
+            while self.clock.now().saturating_sub(begun) < OVERHEARD {
+                if self.patiently(|wire| wire.is_ready())? {
+                    embedded_io::Read::read(self, &mut [0; HEARD_MAX])?;
+                }
+                self.clock.sleep(OVERHEARD / 20);
+            }
+            let heard = self.heard.bytes();
+            if let Some(who) = stranger::name(&heard).filter(|who| who.talks_unasked()) {
+                return Ok(Some(Overheard { rate, heard, who }));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Does it again when a signal has cut it short that does not mean Ctrl-C.
     fn patiently<T>(
         &mut self,
         mut call: impl FnMut(&mut dyn Wire) -> io::Result<T>,
@@ -487,12 +563,34 @@ const SILENT: Duration = Duration::from_millis(300);
 /// Limit for this: a frame at 9600 baud takes 39 s.
 const QUIETENED: Duration = Duration::from_secs(45);
 
+/// Something that is no camera, and what it said.
+#[derive(Debug)]
+pub struct Overheard {
+    /// At this rate.
+    pub rate: u32,
+    /// What it said.
+    pub heard: Vec<u8>,
+    /// Who says that.
+    pub who: Stranger,
+}
+
+impl fmt::Display for Overheard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rate, heard, who } = self;
+        write!(f, "at {rate} baud, {who} ({})", stranger::shown(heard))
+    }
+}
+
 /// Has a camera that sends a stream or a frame end it, whatever its rate, and waits until the line is
-/// silent, as far as it ever is; `waiting` is called if there is something to wait for.
+/// silent, as far as it ever is; `waiting` is called if there is something to wait for. What is no camera
+/// and talks all the time is told instead.
 ///
 /// # Errors
 /// Those of the port.
-pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError> {
+pub fn quieten(
+    mut port: Port,
+    waiting: impl FnOnce(),
+) -> Result<Result<Port, Overheard>, PortError> {
     let begun = port.clock.now();
     let mut was_busy = false;
     let mut waiting = Some(waiting);
@@ -502,7 +600,10 @@ pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError
         }
         if !was_busy {
             was_busy = true;
-            // Sent at once, so that it also ends if the wait is cut short.
+            if let Some(overheard) = port.overhear()? {
+                return Ok(Err(overheard));
+            }
+            // So it is also ended if nobody waits for it.
             for rate in BAUD_RATES {
                 port.set_baud_rate(rate)?;
                 port.send_all(b"\r")?;
@@ -513,7 +614,7 @@ pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError
         }
     }
     port.set_baud_rate(BAUD_RATES[0])?;
-    Ok(port)
+    Ok(Ok(port))
 }
 
 /// Result of trying all rates.
@@ -523,15 +624,8 @@ pub enum Search {
     Found(Port, u32),
     /// Bytes came, but never those of a camera.
     Garbage,
-    /// Another device answers.
-    Stranger {
-        /// At this rate.
-        rate: u32,
-        /// Its bytes.
-        heard: Vec<u8>,
-        /// Kind of the device.
-        who: Stranger,
-    },
+    /// Something else answers.
+    Stranger(Overheard),
     /// Not one byte came.
     Silence,
 }
@@ -572,7 +666,7 @@ pub fn find_baud_rate(
                     heard = true;
                     let heard = port.heard.bytes();
                     if let Some(who) = stranger::name(&heard) {
-                        strangers.push(Search::Stranger { rate, heard, who });
+                        strangers.push(Overheard { rate, heard, who });
                     }
                 }
                 Err(error) => return Err(error),
@@ -582,11 +676,10 @@ pub fn find_baud_rate(
             return Ok(Search::Silence);
         }
     }
-    // At a wrong rate any device may look like one of those that say little.
-    let says_little =
-        |found: &Search| matches!(found, Search::Stranger { who, .. } if !who.is_certain());
-    strangers.sort_by_key(says_little);
-    Ok(strangers.into_iter().next().unwrap_or(Search::Garbage))
+    // At a wrong rate anything may look like one of those that say little.
+    strangers.sort_by_key(|found| !found.who.is_certain());
+    let first = strangers.into_iter().next();
+    Ok(first.map_or(Search::Garbage, Search::Stranger))
 }
 
 #[cfg(test)]
@@ -597,8 +690,106 @@ mod tests {
     fn only_the_cameras_rates() {
         assert_eq!("38400".parse(), Ok(Baud::Rate(38_400)));
         assert_eq!("auto".parse(), Ok(Baud::Auto));
-        for text in ["0", "14400", "38400.0", "-1", "", "fast"] {
-            assert!(Baud::from_str(text).unwrap_err().contains("jumpers"));
+        assert_eq!(Baud::Auto.of_jumpers(), Ok(Baud::Auto));
+        // A Pixy2 can have them, a CMUcam2 cannot.
+        for rate in [14_400, 230_400] {
+            let baud: Baud = rate.to_string().parse().unwrap();
+            assert_eq!(baud, Baud::Rate(rate));
+            assert!(baud.of_jumpers().unwrap_err().contains("jumpers"));
+        }
+        for text in ["0", "38400.0", "-1", "", "fast"] {
+            assert!(Baud::from_str(text).unwrap_err().contains("`auto`"));
+        }
+    }
+
+    /// An original Pixy, which talks without being asked, in virtual time; at another rate its bytes are others.
+    struct Streaming {
+        now: Duration,
+        host_baud: u32,
+        baud: u32,
+        read: Duration,
+    }
+
+    impl Wire for Streaming {
+        fn now(&self) -> Duration {
+            self.now
+        }
+
+        fn sleep(&mut self, time: Duration) {
+            self.now += time;
+        }
+
+        fn set_baud_rate(&mut self, rate: u32) -> io::Result<()> {
+            self.host_baud = rate;
+            Ok(())
+        }
+
+        fn is_ready(&mut self) -> io::Result<bool> {
+            Ok(self.now.saturating_sub(self.read) >= Duration::from_millis(20))
+        }
+
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            self.read = self.now;
+            let frame = b"\x55\xAA\x55\xAA\x43\x01\x01\0\x9E\0\x68\0\x1E\0\x1E\0";
+            let garbled = u8::from(self.host_baud != self.baud);
+            for (place, byte) in buffer.iter_mut().zip(frame) {
+                *place = byte.rotate_left(garbled.into());
+            }
+            Ok(frame.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn clear(&mut self) -> io::Result<()> {
+            self.read = self.now;
+            Ok(())
+        }
+    }
+
+    /// A program at the other end may know usual rates by their names only: 0o16 is 19,200 baud, and 0o10000 a
+    /// rate that is a number.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_usual_rate_has_its_name() {
+        const RATE_BITS: u32 = 0o10017;
+        let (_other, end) = serialport::TTYPort::pair().unwrap();
+        let name = end.name().unwrap();
+        drop(end);
+        let mut serial = Serial::open(&name, 19_200).unwrap();
+        let mut bits = |rate| {
+            serial.set_baud_rate(rate).unwrap();
+            let modes = tcgetattr(serial.modes.as_ref().unwrap()).unwrap();
+            assert_eq!(modes.output_speed(), rate);
+            modes.control_modes.bits() & RATE_BITS
+        };
+        assert_eq!(bits(19_200), 0o16);
+        assert_eq!(bits(14_400), 0o10000);
+        assert_eq!(bits(115_200), 0o10002);
+    }
+
+    #[test]
+    fn what_talks_all_the_time_is_not_waited_for() {
+        for baud in [19_200, 230_400] {
+            let wire = Streaming {
+                now: Duration::ZERO,
+                host_baud: BAUD_RATES[0],
+                baud,
+                read: Duration::ZERO,
+            };
+            let port = Port::on(Arc::new(Mutex::new(wire)), Arc::default());
+            let clock = port.clock();
+            let overheard = quieten(port, || {}).unwrap().unwrap_err();
+            assert_eq!(
+                (overheard.rate, overheard.who),
+                (baud, Stranger::OriginalPixy)
+            );
+            assert!(clock.now() < Duration::from_secs(3), "{:?}", clock.now());
         }
     }
 

@@ -11,7 +11,9 @@ const SHOWN_MAX: usize = 48;
 pub enum Stranger {
     /// Another camera of the family.
     OtherCamera,
-    /// A device that refuses every command.
+    /// An original Pixy, or what plays one: it tells blobs without being asked.
+    OriginalPixy,
+    /// It refuses whatever it is told.
     RefusesAll,
     /// A device that answers only with a prompt.
     Unacknowledged,
@@ -41,6 +43,10 @@ impl fmt::Display for Stranger {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::OtherCamera => "that is another camera of the CMUcam family: its commands differ",
+            Self::OriginalPixy => {
+                "that is an original Pixy (CMUcam5), whose protocol differs: a Pixy2 is needed; or a Pixy2 \
+                 whose \"Pixy 1.0 compatibility mode\" is ticked in PixyMon (Configure, Interface)"
+            }
             Self::RefusesAll => {
                 "it says NCK to everything: no CMUcam2 does that for long, so switch it off and on; \
                  a CMUcam1 has other commands"
@@ -61,7 +67,8 @@ impl fmt::Display for Stranger {
             Self::Hdlc => "that looks like HDLC frames: a radio co-processor?",
             Self::Break => {
                 "only zero bytes come: the line is held low or its levels are upside down (RS-232 on \
-                 TTL pins), or the other end is not powered"
+                 TTL pins), or the other end is not powered; an original Pixy that sees nothing sends them, \
+                 too"
             }
             Self::Text => "that is readable, so the baud rate is right, but it is no CMUcam2",
         })
@@ -76,6 +83,33 @@ impl Stranger {
             Self::Break | Self::Echo | Self::Hdlc | Self::Text | Self::Unacknowledged
         )
     }
+
+    /// Whether it talks all the time, and what it says can be told from the picture of a camera.
+    pub(super) const fn talks_unasked(self) -> bool {
+        matches!(self, Self::OriginalPixy | Self::Nmea)
+    }
+}
+
+/// Whether an original Pixy's block is in this: words of two bytes, the lower one first. A synchronisation
+/// word, the sum of the words that follow, signature, x, y, width, height, and of a colour code its angle.
+fn has_pixy_block(heard: &[u8]) -> bool {
+    (0..heard.len()).any(|at| {
+        let words = heard[at..]
+            .as_chunks()
+            .0
+            .iter()
+            .copied()
+            .map(u16::from_le_bytes);
+        let words: Vec<u16> = words.take(8).collect();
+        let (sum, numbers) = match words[..] {
+            [0xAA55, sum, ref numbers @ ..] => (sum, numbers.get(..5)),
+            [0xAA56, sum, ref numbers @ ..] => (sum, numbers.get(..6)),
+            _ => return false,
+        };
+        numbers.is_some_and(|numbers| {
+            numbers[0] > 0 && numbers.iter().copied().fold(0, u16::wrapping_add) == sum
+        })
+    })
 }
 
 /// The device that sends this. `None`: it is not known; a wrong baud rate is likely.
@@ -93,7 +127,9 @@ pub fn name(heard: &[u8]) -> Option<Stranger> {
     if heard.iter().all(|&byte| byte == 0) {
         return Some(Stranger::Break);
     }
-    let stranger = if has("CMUcam") && !any(&["CMUcam2", "CMUcam3"]) {
+    let stranger = if has_pixy_block(heard) {
+        Stranger::OriginalPixy
+    } else if has("CMUcam") && !any(&["CMUcam2", "CMUcam3"]) {
         Stranger::OtherCamera
     } else if any(&["$GP", "$GN", "$GL", "$GA", "!AIVDM"]) {
         Stranger::Nmea
@@ -189,6 +225,19 @@ mod tests {
             (b"\r\r\r\r", Some(Stranger::Echo)),
             (b"\rRM\x01\x00\rRM 0\r\r", Some(Stranger::Echo)),
             (b"NCK\r:NCK\r:NCK\r:", Some(Stranger::RefusesAll)),
+            // From the middle of a block on: one of signature 1 at 158, 104; the checksum of a colour code.
+            (
+                b"\x1E\0\x55\xAA\x55\xAA\x43\x01\x01\0\x9E\0\x68\0\x1E\0\x1E\0\x55\xAA",
+                Some(Stranger::OriginalPixy),
+            ),
+            (
+                b"\x55\xAA\x56\xAA\x5D\0\x0A\0\x10\0\x20\0\x08\0\x08\0\x13\0",
+                Some(Stranger::OriginalPixy),
+            ),
+            (
+                b"\x55\xAA\x55\xAA\x44\x01\x01\0\x9E\0\x68\0\x1E\0\x1E\0\x55\xAA",
+                None,
+            ),
             (b"::::", Some(Stranger::Unacknowledged)),
             (b"CMUcam v1.12 c6\r:", Some(Stranger::OtherCamera)),
             (b"\x7E\x80\x06\x00\x71\xFA\xB5\x7E", Some(Stranger::Hdlc)),

@@ -109,6 +109,20 @@ fn strangers_are_named() {
     });
 }
 
+/// Both cameras look alike, and so does a Pixy2 that plays the other.
+#[test]
+fn an_original_pixy_is_named() {
+    let frame = b"\x55\xAA\x55\xAA\x43\x01\x01\0\x9E\0\x68\0\x1E\0\x1E\0";
+    for (kind, to) in [("cmucam2", b"\r"), ("pixy2", b"\xAF")] {
+        let (camera, _port, name) = LineEnd::pair();
+        thread::spawn(move || answer(camera, to, frame));
+        let text = failure(&["--camera", kind, "--port", &name, "--baud", "19200"]);
+        for words in ["an original Pixy", "a Pixy2 is needed", "at 19200 baud"] {
+            assert!(text.contains(words), "{kind}: no {words} in {text}");
+        }
+    }
+}
+
 /// Answers each of these bytes until the line is closed.
 fn answer(mut line: LineEnd, to: &[u8], says: &[u8]) {
     let mut byte = [0];
@@ -116,6 +130,28 @@ fn answer(mut line: LineEnd, to: &[u8], says: &[u8]) {
         match line.read(&mut byte) {
             Ok(_) if to.contains(&byte[0]) => line.write_all(says).unwrap(),
             Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            // The test is over.
+            Err(_) => break,
+        }
+    }
+}
+
+/// A camera that tells who it is, and from then on nothing that makes sense.
+fn garbled_after_the_banner(mut line: LineEnd) {
+    let (mut byte, mut heard) = ([0], Vec::new());
+    loop {
+        match line.read(&mut byte) {
+            Ok(_) if byte == *b"\r" => {
+                let says: &[u8] = match &heard[..] {
+                    b"" => b"ACK\r:",
+                    b"GV" => b"ACK\rCMUcam2 v1.00 c6\r:",
+                    _ => b"\xF8\x00\x1C\xE6\x80",
+                };
+                line.write_all(says).unwrap();
+                heard.clear();
+            }
+            Ok(_) => heard.extend(byte),
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
             // The test is over.
             Err(_) => break,
@@ -132,6 +168,58 @@ fn a_camera_left_in_a_raw_mode_is_recovered() {
         let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "3"]);
         assert!(told.contains("CMUcam2 v1.00 c6"), "RM {mode}: {told}");
     }
+}
+
+/// Whatever another program has set, `--as-is` counts the same columns as before.
+#[test]
+fn modes_that_another_program_has_set_are_put_back() {
+    let told = |heard: &str| {
+        let camera = Emulated::new(&square(), &[&format!("heard={heard}")]);
+        let options = [
+            "--baud", "115200", "--as-is", "--count", "2", "--colour", ORANGE,
+        ];
+        camera.json(&options).pop().unwrap()
+    };
+    let usual = told("");
+    assert_eq!((number(&usual, "x1"), number(&usual, "x2")), (20.0, 67.0));
+    for mode in [
+        "DS 2 2",
+        "OM 0 3",
+        "RM 1",
+        "RM 7",
+        "VW 30 10 50 90",
+        "PM 1",
+        "LM 0 1",
+        "LM 0 2",
+        "BM 1",
+        "TI 1",
+        "PD 1",
+        "SM 15",
+        "PS 3",
+        "PF 1",
+        "NF 60",
+        "HR 1",
+    ] {
+        let mut line = told(&format!("{mode}\\r"));
+        line["seconds"] = usual["seconds"].clone();
+        assert_eq!(line, usual, "{mode}");
+    }
+}
+
+/// A camera whose banner came at a rate has that rate.
+#[test]
+fn what_comes_after_the_banner_is_not_blamed_on_the_rate() {
+    let (camera, _port, name) = LineEnd::pair();
+    thread::spawn(move || garbled_after_the_banner(camera));
+    let done = run(&["probe", "--port", &name, "--baud", "38400", "--as-is"]);
+    let text = done.stderr;
+    assert_eq!(done.code, 2, "{text}");
+    assert!(text.contains("CMUcam2 v1.00 c6"), "{text}");
+    assert!(
+        text.contains("no sense any more after its banner"),
+        "{text}"
+    );
+    assert!(!text.contains("jumpers"), "{text}");
 }
 
 #[test]
@@ -302,6 +390,48 @@ fn the_rate_is_found() {
     assert!(text.contains("jumpers"), "{text}");
 }
 
+/// A ball over columns 24 to 63 whose lower left lies in shadow, and is of this colour.
+fn shaded_ball(files: &Files, shadow: [u8; 3], background: [u8; 3]) -> String {
+    files.write(
+        "shaded.toml",
+        &format!(
+            "noise = 1.0\n[background]\nplain = {background:?}\n\
+             [[object]]\ncolour = {shadow:?}\nshape = 'disc'\n\
+             stops = [{{ picture = [0.5, 0.5], size = [0.45, 0.6] }}]\n\
+             [[object]]\ncolour = [70, 190, 100]\nshape = 'disc'\n\
+             stops = [{{ picture = [0.555, 0.45], size = [0.32, 0.43] }}]\n"
+        ),
+    )
+}
+
+/// What is tracked is the ball, and not its lit part; or nothing is.
+#[test]
+fn a_learnt_colour_holds_the_whole_object() {
+    let files = Files::new();
+    let mut found = 0;
+    for shadow in [[48, 110, 60], [30, 95, 50], [60, 130, 80]] {
+        for background in [[228, 228, 224], [90, 90, 90]] {
+            let camera = Emulated::new(&shaded_ball(&files, shadow, background), &[]);
+            let done = run(&camera.arguments(&["--settle", "2", "--count", "1", "--json"]));
+            let told = format!("{shadow:?} before {background:?}: {}", done.stderr);
+            if done.code == 0 {
+                let line: Value = serde_json::from_str(&done.stdout).unwrap();
+                assert_eq!(
+                    (number(&line, "x1"), number(&line, "x2")),
+                    (24.0, 63.0),
+                    "{told}"
+                );
+                assert!(told.contains("wider bounds are taken"), "{told}");
+                found += 1;
+            } else {
+                assert_eq!(done.code, 2, "{told}");
+                assert!(told.contains("does not hold the whole object"), "{told}");
+            }
+        }
+    }
+    assert!(found >= 3, "{found}");
+}
+
 /// Nothing was garbled but the packet that the stop may have cut.
 fn assert_unharmed(told: &str) {
     let unharmed = ["0 bytes garbled", "garbled: 1 cut short"];
@@ -449,9 +579,20 @@ fn other_cameras() {
 fn a_picture_of_a_wall() {
     let files = Files::new();
     let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
-    let camera = Emulated::new(&plain, &[]);
     let file = files.path("wall.png");
-    let line = &camera.json(&["--settle", "0", "--frame", &file])[0];
+    for switch in ["row_marks=1", "row_marks=0"] {
+        let camera = Emulated::new(&plain, &[&format!("switch={switch}")]);
+        a_wall(&camera.json(&["--settle", "0", "--frame", &file])[0], &file);
+        fs::remove_file(&file).unwrap();
+    }
+    // What came of most of it is not called a picture.
+    let camera = Emulated::new(&plain, &["fault=overrun=0.01"]);
+    let text = failure(&camera.arguments(&["--baud", "115200", "--frame", &file])[1..]);
+    assert!(text.contains("rows were damaged"), "{text}");
+    assert!(!fs::exists(file).unwrap());
+}
+
+fn a_wall(line: &Value, file: &str) {
     assert_eq!(line["columns"], 87);
     assert_eq!(line["rows"], 143);
     assert_eq!(line["damaged_rows"], 0);
@@ -871,6 +1012,13 @@ fn a_pixy2_has_one_rate() {
     assert!(done.stderr.contains(found), "{}", done.stderr);
     let text = failure(&[&probe[1..], &["--baud", "115200"]].concat());
     assert!(text.contains("no Pixy2 answers"), "{text}");
+    // PixyMon offers it, though no jumper of a CMUcam2 does.
+    let fast = ["--emulate", "baud=230400", "--count", "1"];
+    for baud in ["230400", "auto"] {
+        let done = run(&[&probe[..], &fast, &["--baud", baud]].concat());
+        let found = "a Pixy2 at 230400 baud";
+        assert!(done.stderr.contains(found), "{}", done.stderr);
+    }
 }
 
 /// On a pseudo-terminal: its ball is straight ahead, up to the way that it is moved.

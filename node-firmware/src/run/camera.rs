@@ -143,6 +143,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                         Err(VisionError::CommonColour(share)) => {
                             CommandOutcome::CommonColour(share)
                         }
+                        Err(VisionError::PartOfObject) => CommandOutcome::PartOfObject,
                         Err(_) => CommandOutcome::Failed,
                     };
                     if outcome.is_success()

@@ -1,15 +1,25 @@
-//! Share of the background that has the colour of an object that was just learnt.
+//! What a colour that was just learnt is worth: how much of the background has it, and whether it holds the
+//! whole object.
 //!
-//! Every pixel of the colour counts for the box of a blob. So another thing of that colour in view moves the
-//! edges, and with them the direction. Two looks tell it while the object is still in the middle:
+//! # The background
+//! Every pixel of the colour counts for the box of a blob, so what else in view has it moves the edges
+//! and with them the direction. Two looks tell it while the object is still in the middle:
 //! - Where all pixels of the colour are in one box that they fill, as a ball fills its box by pi / 4,
 //!   and that is no wall, nothing else has the colour.
 //! - Otherwise the pixels along the four borders of the view are counted, an eighth of it on each side:
 //!   an object whose colour is learnt fills the middle half.
+//!
+//! # The object
+//! A camera learns the mean of its middle and some levels to either side. Of a ball in a slanting light that
+//! holds a crescent, whose edges are those of a shadow; where the background was in the mean, less. What is
+//! learnt holds the object if its edges, and how much of its box it fills, stay as they are with [narrower] and
+//! with [wider] bounds, as far as the background has little of these, and if what is within them is one compact
+//! thing in the middle. If not, wider ones are [tried](candidates), as far as no more of the background has them.
 
 use core::fmt;
 
 use cmucam2_driver::{
+    colour::{ColourBounds, LevelRange},
     geometry::{Size, Window},
     packet::Tracking,
 };
@@ -21,6 +31,20 @@ const HOPELESS: u16 = 10;
 
 /// Least share of its box that an object fills, 256 times the share. A ball fills 201.
 const COMPACT: u8 = 160;
+
+/// Levels by which bounds that hold an object may be narrower.
+const SLACK: u8 = 8;
+
+/// Levels by which bounds grow that do not hold it, and how often.
+const GROWTH: u8 = 16;
+const GROWTHS: u8 = 5;
+
+/// Columns by which the edges of an object may be elsewhere with other bounds.
+const EDGE: u8 = 1;
+
+/// By how much it may fill its box more or less with other bounds, 256 times the share: pixels of its outline
+/// are both it and the background.
+const FILL: u8 = 16;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -89,7 +113,65 @@ pub fn is_one_object(seen: &Tracking, frame: Size) -> bool {
             && 2 * box_area(seen) < area(frame)
 }
 
-/// The outer eighths of a view whose first column and row have this number: left, right, above and below.
+/// Bounds to be tried for an object: those that were learnt, then wider ones.
+pub fn candidates(learnt: ColourBounds) -> impl Iterator<Item = ColourBounds> {
+    (0..=GROWTHS).map(move |times| each(learnt, |range| range.wider(times * GROWTH)))
+}
+
+/// Bounds that must show the same edges, if these hold the object.
+pub fn narrower(bounds: ColourBounds) -> ColourBounds {
+    each(bounds, |range| range.narrower(SLACK))
+}
+
+/// Bounds that must show the same edges, too, where the background has little of them.
+pub fn wider(bounds: ColourBounds) -> ColourBounds {
+    each(bounds, |range| range.wider(GROWTH))
+}
+
+fn each(bounds: ColourBounds, of: impl Fn(LevelRange) -> LevelRange) -> ColourBounds {
+    ColourBounds {
+        red: of(bounds.red),
+        green: of(bounds.green),
+        blue: of(bounds.blue),
+    }
+}
+
+/// Whether bounds hold the object in the middle, by what [`middle`] has of them and of the `others`:
+/// [`narrower`] and [`wider`] ones.
+pub fn is_whole(seen: Option<Tracking>, others: &[Option<Tracking>], frame: Size) -> bool {
+    let filled = |seen: Tracking| seen.bounding_box().zip(seen.confidence());
+    let Some((found, filled_by)) = seen.and_then(filled) else {
+        return false;
+    };
+    // Numbers may be those of the frame or of the window that was looked at.
+    let is_across = |from: u8, to: u8, side: u8| from <= side / 2 && to >= side / 2 - side / 8;
+    let stays = |edge: u8, other: u8| edge.abs_diff(other) <= EDGE;
+    let is_alike = |other: &Option<Tracking>| {
+        let Some((other, fill)) = other.and_then(filled) else {
+            return false;
+        };
+        stays(found.x1, other.x1) && stays(found.x2, other.x2) && fill.abs_diff(filled_by) <= FILL
+    };
+    filled_by >= COMPACT
+        && found.x2.saturating_sub(found.x1) >= frame.width / 8
+        && is_across(found.x1, found.x2, frame.width)
+        && is_across(found.y1, found.y2, frame.height)
+        && others.iter().all(is_alike)
+}
+
+/// The view without its [`surroundings`].
+pub fn middle(frame: Size, first: u8) -> Option<Window> {
+    let Size { width, height } = frame;
+    let side = |length: u8| {
+        let from = (length / 8).saturating_add(first);
+        (from, (length - length / 8 - 1).saturating_add(first))
+    };
+    let ((x, x2), (y, y2)) = (side(width), side(height));
+    Window::new(x, y, x2, y2).ok()
+}
+
+/// The outer eighths of a view whose first column and row have this number: left, right, above and
+/// below.
 pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
     let Size { width, height } = frame;
     let (across, down) = (width / 8, height / 8);

@@ -23,7 +23,13 @@ struct Camera {
     /// Number of times that it does not hear.
     deaf: u32,
     /// It answers with this error.
-    error: Option<i8>,
+    error: i8,
+    /// So often.
+    errors: u32,
+    /// So often a bit of what asks for blocks is damaged: signature 1 becomes signature 2.
+    other: u32,
+    /// What it answers late, before the answer to the next request.
+    late: Vec<u8>,
     /// Blocks as bytes.
     blocks: Vec<u8>,
     heard: u32,
@@ -46,18 +52,29 @@ impl Camera {
 
     fn hear(&mut self, byte: u8) {
         self.request.push(byte);
-        if self.request.len() < 4 || self.request.len() < 4 + usize::from(self.request[3]) {
+        if self.request.len() < 6 || self.request.len() < 6 + usize::from(self.request[3]) {
             return;
         }
-        let request = std::mem::take(&mut self.request);
-        assert_eq!(request[..2], [0xAE, 0xC1]);
+        let mut request = std::mem::take(&mut self.request);
+        assert_eq!(request[..2], [0xAF, 0xC1]);
         self.heard += 1;
+        let late = std::mem::take(&mut self.late);
+        self.answers.extend(late);
+        if request[2] == 0x20 && self.other > 0 {
+            self.other -= 1;
+            request[6] ^= 3;
+        }
+        let sum: u16 = request[6..].iter().map(|&byte| u16::from(byte)).sum();
+        if request[4..6] != sum.to_le_bytes() {
+            return;
+        }
         if self.deaf > 0 {
             self.deaf -= 1;
             return;
         }
-        if let Some(error) = self.error {
-            return self.answer(3, &[error as u8]);
+        if self.errors > 0 {
+            self.errors -= 1;
+            return self.answer(3, &[self.error as u8]);
         }
         if self.busy > 0 {
             self.busy -= 1;
@@ -67,7 +84,7 @@ impl Camera {
             0x0E => self.answer(0x0F, b"\x00\x22\x03\x00\x0c\x00general\0\0\0"),
             0x0C => self.answer(0x0D, &[0x3C, 0x01, 0xD0, 0x00]),
             0x20 => {
-                let most = usize::from(request[5]).min(self.blocks.len() / 14);
+                let most = usize::from(request[7]).min(self.blocks.len() / 14);
                 let blocks = self.blocks[..14 * most].to_vec();
                 self.answer(0x21, &blocks);
             }
@@ -205,16 +222,56 @@ fn what_goes_wrong_is_repeated_or_told() {
         assert_eq!(camera.resolution_wait(), outcome, "{deaf} {damaged}");
         assert_eq!(line.0.borrow().heard, 4);
     }
+    // What is refused may be what the line has made of the request.
+    for (errors, outcome) in [(3, Ok(0)), (4, Err(Error::Camera(Fault::Refused(-4))))] {
+        let (mut camera, line) = camera();
+        line.0.borrow_mut().error = -4;
+        line.0.borrow_mut().errors = errors;
+        let blocks = camera.blocks_wait(Signatures::ALL, 1).map(Iterator::count);
+        assert_eq!(blocks, outcome);
+        assert_eq!(line.0.borrow().heard, 4);
+    }
     let (mut camera, line) = camera();
-    line.0.borrow_mut().error = Some(-4);
-    let refused = camera.blocks_wait(Signatures::ALL, 1).map(Iterator::count);
-    assert_eq!(refused, Err(Error::Camera(Fault::Refused(-4))));
-    line.0.borrow_mut().error = Some(BUSY);
+    line.0.borrow_mut().error = BUSY;
+    line.0.borrow_mut().errors = u32::MAX;
     assert_eq!(block_on(camera.version()), Err(Error::Camera(Fault::Busy)));
     // The late answer to another request is not taken for this one's.
-    line.0.borrow_mut().error = None;
+    line.0.borrow_mut().errors = 0;
     line.0.borrow_mut().answer(0x0F, &[9; 16]);
     assert_eq!(camera.resolution_wait(), Ok((316, 208)));
+}
+
+/// Blobs of other signatures are not those that were asked for, whichever way they come.
+#[test]
+fn blocks_are_those_of_the_signature_that_is_asked_for() {
+    let mut other = BALL;
+    other[0] = 2;
+    let mut code = BALL;
+    code[0] = 0o12;
+    let (mut camera, line) = camera();
+    line.0.borrow_mut().blocks = BALL.to_vec();
+    // Requests that the line has made others of are not obeyed.
+    line.0.borrow_mut().other = 3;
+    let one = Signatures::one(1);
+    assert_eq!(camera.blocks_wait(one, 2).map(Iterator::count), Ok(1));
+    assert_eq!(line.0.borrow().heard, 4);
+    // The late answer to another request for blocks: of another signature, or of more.
+    for late in [vec![other], vec![code], vec![BALL; 3]] {
+        let mut camera_behind = line.0.borrow_mut();
+        camera_behind.answer(0x21, &late.concat());
+        camera_behind.late = camera_behind.answers.drain(..).collect();
+        drop(camera_behind);
+        let blocks = camera.blocks_wait(one, 2).unwrap();
+        assert!(blocks.map(|block| block.signature).eq([1]));
+        line.0.borrow_mut().answers.clear();
+    }
+    line.0.borrow_mut().blocks = [other, code].concat();
+    assert_eq!(
+        camera.blocks_wait(Signatures::ALL, 2).map(Iterator::count),
+        Ok(2)
+    );
+    let never = camera.blocks_wait(one, 2).map(Iterator::count);
+    assert_eq!(never, Err(Error::Camera(Fault::Garbled)));
 }
 
 proptest! {
@@ -242,7 +299,7 @@ proptest! {
         let _ = session.outcome();
         session.begin(Request::Resolution, now);
         session.sent(5);
-        for byte in [0xAE, 0xC1, 0x0D, 4, 1, 2, 3, 4] {
+        for byte in [0xAF, 0xC1, 0x0D, 4, 10, 0, 1, 2, 3, 4] {
             session.receive(byte, now);
         }
         prop_assert_eq!(session.outcome(), Some(Ok(Answer::Resolution(0x201, 0x403))));

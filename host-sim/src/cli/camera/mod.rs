@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::{Args, ValueEnum};
 use cmucam2_emulator::{
     BAUD_RATES, Background, Configuration, Emulator, FaultRates, Note, Scene, SceneError, Sensor,
@@ -58,7 +58,7 @@ pub(super) struct Arguments {
     taught: Vec<pixy2::Taught>,
     /// The rate that the camera's jumpers select [default: 115200], or that was set in a Pixy2
     /// [default: 19200].
-    #[arg(long, value_name = "N", value_parser = baud)]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     baud: Option<u32>,
     /// Understand the other program whatever rate it sets.
     #[arg(long)]
@@ -101,17 +101,7 @@ enum SensorOption {
     Ov7620,
 }
 
-fn baud(text: &str) -> Result<u32, String> {
-    match text.parse() {
-        Ok(rate) if BAUD_RATES.contains(&rate) => Ok(rate),
-        _ => Err(format!(
-            "the camera knows {}",
-            BAUD_RATES.map(|rate| rate.to_string()).join(", ")
-        )),
-    }
-}
-
-/// One line for each setting; a default of 0 is not shown.
+/// One line for each; a default of 0 goes without saying.
 fn table<T: Display + Default + PartialEq>(settings: &[Setting<T>]) -> String {
     settings
         .iter()
@@ -216,6 +206,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 impl Arguments {
     fn configuration(&self) -> anyhow::Result<Configuration> {
+        ensure!(
+            self.kind == KindOption::Pixy2 || BAUD_RATES.contains(&self.baud()),
+            "--baud {}: a CMUcam2 knows {}",
+            self.baud(),
+            BAUD_RATES.map(|rate| rate.to_string()).join(", ")
+        );
         let mut switches = Switches::default();
         for switch in &self.switch {
             switches

@@ -13,6 +13,7 @@ use cmucam2_emulator::{Background, Scene, Time};
 use pixy2_emulator::{Configuration, Emulator};
 
 use super::{
+    super::tell,
     Arguments, PATIENCE,
     carried::{Carried, Pixy2},
     film::Film,
@@ -31,6 +32,7 @@ impl Arguments {
             baud: self.baud(),
             signatures: self.taught.iter().map(|&Taught(colour)| colour).collect(),
             seed: self.seed,
+            watched: self.verbose,
             ..Configuration::default()
         })
     }
@@ -85,6 +87,9 @@ pub(super) fn run(
         let now = clock();
         carried.hear(&received, now);
         line.send(&carried.advance(now))?;
+        while let Some(note) = carried.camera.emulator.take_note() {
+            tell(format_args!("{:9.3} {note}", start.elapsed().as_secs_f64()));
+        }
     }
     Ok(())
 }

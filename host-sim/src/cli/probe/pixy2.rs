@@ -10,8 +10,9 @@ use anyhow::{anyhow, bail};
 use host_sim::probe::{
     Bearing, View,
     display::Degrees,
-    port::{Baud, Clock, Port, PortError},
+    port::{Baud, Clock, Overheard, Port, PortError},
     record::Recording,
+    stranger,
 };
 use indicatif::ProgressBar;
 use node_firmware::vision::{
@@ -31,8 +32,8 @@ use super::{
     tell,
 };
 
-/// Rates to try: as it is shipped, and others that people set.
-const RATES: [u32; 4] = [19_200, 115_200, 57_600, 38_400];
+/// Rates that are tried: as it is shipped, and others that people set.
+const RATES: [u32; 5] = [19_200, 115_200, 57_600, 38_400, 230_400];
 
 /// An adapter on USB holds bytes back. So does a busy computer, where the camera is another program on it.
 const PATIENT: Policy = Policy {
@@ -231,7 +232,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Cl
     for round in 0..2 {
         for &rate in &rates {
             let port = arguments.open(rate, person)?;
-            let clock = port.clock();
+            let (clock, heard) = (port.clock(), port.heard());
             let policy = if round == 0 {
                 Policy::default()
             } else {
@@ -243,7 +244,13 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Cl
                     let (port, delay) = camera.release();
                     return Ok((Pixy2::with_policy(port, delay, PATIENT), clock, rate));
                 }
-                Err(Error::Camera(Fault::Silence | Fault::Garbled)) => {}
+                Err(Error::Camera(Fault::Silence | Fault::Garbled)) => {
+                    let heard = heard.bytes();
+                    if let Some(who) = stranger::name(&heard).filter(|who| who.is_certain()) {
+                        let stranger = Overheard { rate, heard, who };
+                        bail!("{}: {stranger}", arguments.line());
+                    }
+                }
                 Err(error) => return Err(failed(arguments.line(), error)),
             }
         }
