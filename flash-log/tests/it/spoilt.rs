@@ -82,7 +82,7 @@ impl NorFlash for Checked {
 
     async fn write(&mut self, at: u32, bytes: &[u8]) -> Result<(), FlashError> {
         self.state.borrow_mut().writes += 1;
-        for (number, unit) in bytes.chunks_exact(UNIT).enumerate() {
+        for (number, unit) in bytes.as_chunks::<UNIT>().0.iter().enumerate() {
             let at = at + (number * UNIT) as u32;
             {
                 let mut state = self.state.borrow_mut();
