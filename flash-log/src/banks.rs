@@ -159,6 +159,19 @@ impl<F: NorFlash> Banks<F> {
             Access::Write => self.flash.write(at, bytes).await,
             Access::Erase => self.flash.erase(at, at + self.bank_len).await,
         };
+        if let (Access::Write, Err(_)) = (access, &done)
+            && self.flash.read(at, bytes).await.is_ok()
+            && let Content::Erased = slot::inspect(bytes, false)
+        {
+            // A unit whose write lost its power may read as erased and refuse all writes until its page is
+            // erased. Zeros in the units beside it make the slot a torn one, which no bank keeps.
+            bytes.fill(0);
+            let size = F::WRITE_SIZE.max(1);
+            for (at, unit) in (at..).step_by(size).zip(bytes.chunks_exact(size)) {
+                // Some may refuse this, too; that the write failed is told in any case.
+                let _ = self.flash.write(at, unit).await;
+            }
+        }
         done.map_err(LogError::Flash)?;
         if let Access::Read = access {
             return Ok(());

@@ -26,6 +26,11 @@
 //! read are lost. At the end of the log more damage is taken for a torn write, and the record written before
 //! stands.
 //!
+//! # What only looks erased
+//! A flash with a checksum for each unit, as the STM32L4's, may refuse to be written where a write lost its
+//! power, though it reads as erased there. The slot is then made a torn one: the failure is told, and when
+//! the log is opened next, what is live goes into the other bank.
+//!
 //! # Several users of one flash
 //! One log borrows the flash as `&mut F`. Users that live side by side each take a
 //! `Partition` of `embassy_embedded_hal::flash::partition`, over one

@@ -86,7 +86,8 @@ pub enum Promiscuity {
 pub struct TxReport<'a> {
     /// The acknowledgement said that a frame is pending.
     pub frame_pending: bool,
-    /// The frame was sent with the counter and key that the host had put in.
+    /// The frame was sent with the counter and key that the host had put in. False where the co-processor
+    /// is too old to tell.
     pub header_updated: bool,
     /// The acknowledgement; its PSDU is empty when none was requested. Absent unless the status is
     /// [`SpinelStatus::OK`].
@@ -256,7 +257,10 @@ impl<'a> Property<'a> {
 impl<'a> TxReport<'a> {
     fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let frame_pending = read_bool(reader)?;
-        let header_updated = read_bool(reader)?;
+        // OpenThread of before 2020 does not tell; the length of the acknowledgement follows, which is
+        // zero or more than a boolean.
+        let is_told = !matches!(reader.rest(), [0, 0] | [2..=u8::MAX, ..]);
+        let header_updated = is_told && read_bool(reader)?;
         let acknowledgement = if reader.rest().is_empty() {
             None
         } else {

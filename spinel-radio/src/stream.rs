@@ -151,9 +151,7 @@ impl<'a> RxFrame<'a> {
         let phy = &mut Reader::new(phy);
         optional(phy, &mut frame.channel, Reader::u8)?;
         optional(phy, &mut frame.lqi, Reader::u8)?;
-        optional(phy, &mut frame.timestamp, |reader| {
-            reader.array().map(u64::from_le_bytes)
-        })?;
+        optional(phy, &mut frame.timestamp, read_timestamp)?;
         optional(&mut Reader::new(vendor), &mut frame.error, read_packed)?;
         Ok(frame)
     }
@@ -188,6 +186,16 @@ fn optional<'a, T>(
         *value = read(reader)?;
     }
     Ok(())
+}
+
+/// Microseconds in 64 bits. OpenThread of before August 2019 has milliseconds in 32 bits and microseconds in 16
+/// in their place; the length tells which.
+fn read_timestamp(reader: &mut Reader<'_>) -> Result<u64, Malformed> {
+    if reader.rest().len() != 6 {
+        return reader.array().map(u64::from_le_bytes);
+    }
+    let milliseconds = u64::from(reader.u32()?);
+    Ok(milliseconds * 1000 + u64::from(reader.u16()?))
 }
 
 /// Bytes after their number.

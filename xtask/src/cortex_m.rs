@@ -7,7 +7,10 @@ use bench_cortex_m::bits;
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
-use crate::qemu::{self, CORTEX_M0, CORTEX_M4F, Machine};
+use crate::{
+    built,
+    qemu::{self, CORTEX_M0, CORTEX_M4F, Machine},
+};
 
 const PACKAGE: &str = "bench-cortex-m";
 /// Its other image, for the processor of the boards: it tests functions in assembly.
@@ -143,15 +146,7 @@ fn build(sh: &Shell, processor: &Processor, image: &str) -> Result<PathBuf> {
         "cargo build --locked --release --package {PACKAGE} --bin {image} --target {target} --message-format json-render-diagnostics"
     )
     .read()?;
-    for message in messages.lines() {
-        let message: serde_json::Value = serde_json::from_str(message)?;
-        if message["target"]["name"] == image
-            && let Some(image) = message["executable"].as_str()
-        {
-            return Ok(image.into());
-        }
-    }
-    bail!("cargo built no image `{image}` of {PACKAGE} for {target}")
+    built::program(&messages, image).with_context(|| format!("{PACKAGE} for {target}"))
 }
 
 fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {

@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use xshell::{Cmd, Shell, cmd};
 
-use crate::{chip, peers};
+use crate::{built, chip, peers};
 
 /// Members of the workspace that have no test of their own.
 const WITHOUT_TESTS: [&str; 4] = [
@@ -55,13 +55,13 @@ fn ignored_suites() -> impl Iterator<Item = Suite> {
 
 /// Returns true where nothing of the workspace but the chores has been built yet.
 pub(crate) fn is_cold(sh: &Shell) -> bool {
-    !sh.path_exists("target/debug/.fingerprint")
-        || sh
-            .read_dir("target/debug/.fingerprint")
-            .unwrap_or_default()
-            .iter()
-            .filter_map(|path| path.file_name()?.to_str())
-            .all(|name| !name.starts_with("host-sim-"))
+    let built =
+        built::folder(sh).and_then(|folder| Ok(sh.read_dir(folder.join("debug/.fingerprint"))?));
+    built
+        .unwrap_or_default()
+        .iter()
+        .filter_map(|path| path.file_name()?.to_str())
+        .all(|name| !name.starts_with("host-sim-"))
 }
 
 /// Counts that test programs print, all together.
@@ -186,16 +186,7 @@ pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
     )
     .env(INCREMENTAL.0, INCREMENTAL.1)
     .read()?;
-    for message in messages.lines() {
-        let message: Value = serde_json::from_str(message)?;
-        if let (Some(path), true) = (
-            message["executable"].as_str(),
-            message["target"]["name"] == name,
-        ) {
-            return Ok(path.into());
-        }
-    }
-    bail!("cargo built no program `{name}`")
+    built::program(&messages, name)
 }
 
 /// Runs tests, shows their output while they run, and counts them.

@@ -12,6 +12,7 @@ use anyhow::Context;
 use clap::{Parser, Subcommand};
 use xshell::{Shell, cmd};
 
+mod built;
 mod chip;
 mod cortex_m;
 mod documented;

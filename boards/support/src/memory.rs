@@ -14,9 +14,10 @@ const LOOK: usize = 64;
 
 /// A flash whose driver waits for it. After each page the other tasks run.
 ///
-/// A page that reads as erased is not erased again: on new flash, logs would begin with a second or two in which
-/// the UART is not read. An erasure that power ended in its last moments may leave such a page too; bits that rot
-/// in it are found by the checksums of the records.
+/// A page that reads as erased is not erased again: on new flash, logs would be begun by a second or two
+/// in which nobody reads the UART. An erasure that power ended in its last moments may leave such a page
+/// too; what rots in it is found by the checksums of the records. So may a write, of which a chip that checks
+/// each unit then refuses another one: a log that was refused leaves the page so that it is erased.
 #[derive(Debug)]
 pub struct Paged<F>(pub F);
 
@@ -96,9 +97,11 @@ mod tests {
         pin::pin,
         task::{Context, Poll, Waker},
     };
-    use std::{vec, vec::Vec};
+    use std::{cell::RefCell, rc::Rc, vec, vec::Vec};
 
+    use embassy_futures::block_on;
     use embedded_storage::nor_flash::{NorFlashErrorKind, check_erase, check_read};
+    use flash_log::{Entry, Log, LogError};
 
     use super::*;
 
@@ -191,6 +194,89 @@ mod tests {
         // A range that is no whole page is for the driver to refuse.
         let unaligned = Err(NorFlashErrorKind::NotAligned);
         assert_eq!(erased_of([].into_iter(), 8, 2056).2, unaligned);
+    }
+
+    /// 4 pages of an STM32L4, where a unit whose write was cut reads as erased and refuses to be written.
+    #[derive(Clone, Default)]
+    struct Checked(Rc<RefCell<State>>);
+
+    #[derive(Default)]
+    struct State {
+        bytes: Vec<u8>,
+        spoilt: Vec<u32>,
+        cut: u32,
+        writes: u32,
+    }
+
+    impl ErrorType for Checked {
+        type Error = NorFlashErrorKind;
+    }
+
+    impl nor_flash::ReadNorFlash for Checked {
+        const READ_SIZE: usize = 1;
+
+        fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+            check_read(self, offset, bytes.len())?;
+            bytes.copy_from_slice(&self.0.borrow().bytes[offset as usize..][..bytes.len()]);
+            Ok(())
+        }
+
+        fn capacity(&self) -> usize {
+            4 * 2048
+        }
+    }
+
+    impl nor_flash::NorFlash for Checked {
+        const WRITE_SIZE: usize = 8;
+        const ERASE_SIZE: usize = 2048;
+
+        fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+            check_erase(self, from, to)?;
+            let mut state = self.0.borrow_mut();
+            state.bytes[from as usize..to as usize].fill(0xff);
+            state.spoilt.retain(|at| !(from..to).contains(at));
+            Ok(())
+        }
+
+        fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+            let mut state = self.0.borrow_mut();
+            state.writes += 1;
+            if state.writes == state.cut {
+                state.spoilt.push(offset);
+            }
+            let end = offset + bytes.len() as u32;
+            if state.spoilt.iter().any(|at| (offset..end).contains(at)) {
+                return Err(NorFlashErrorKind::Other);
+            }
+            state.bytes[offset as usize..end as usize].copy_from_slice(bytes);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_unit_that_only_looks_erased_is_got_over() {
+        let start = |chip: &Checked, first: u8| {
+            block_on(async {
+                let mut log = Log::<_, 128>::new(Paged(chip.clone()), 0..4 * 2048)?;
+                log.open().await?;
+                for number in 0..60 {
+                    let entry = Entry::new(number % 7, &[first; 20]).ok_or(LogError::Full)?;
+                    log.append(&entry).await?;
+                }
+                Ok::<_, LogError<NorFlashErrorKind>>(())
+            })
+        };
+        for cut in 1..70 {
+            let chip = Checked::default();
+            *chip.0.borrow_mut() = State {
+                bytes: vec![0xff; 4 * 2048],
+                cut,
+                ..State::default()
+            };
+            let starts: Vec<_> = (0..5).map(|first| start(&chip, first)).collect();
+            assert!(starts[0].is_err(), "{cut}");
+            assert!(starts[3..].iter().all(Result::is_ok), "{cut}: {starts:?}");
+        }
     }
 
     #[test]

@@ -55,6 +55,32 @@ impl<T: Real> Bearings<'_, T> {
     fn kept(&self) -> impl Iterator<Item = &Sighting<T>> {
         kept(self.sightings, self.dropped)
     }
+
+    /// Of the residuals at `x`, with the weights at `weights_at`.
+    fn sums(&self, x: &[T], weights_at: &[T]) -> Sums<T> {
+        let ((position, heading), (position_then, _)) = (pose(x), pose(weights_at));
+        let mut sums = Sums {
+            weight: T::zero(),
+            residual: T::zero(),
+            cost: T::zero(),
+        };
+        for sighting in self.kept() {
+            let weight = Row::new(sighting, sighting.target - position_then).weight;
+            let residual = sighting.ray.residual(heading, sighting.target - position);
+            sums.weight += weight;
+            sums.residual += residual * weight;
+            sums.cost += residual * residual * weight;
+        }
+        sums
+    }
+}
+
+/// Weighted sums over the sightings that count.
+struct Sums<T> {
+    weight: T,
+    residual: T,
+    /// Of the squared residuals.
+    cost: T,
 }
 
 impl<T: Real> Problem<T> for Bearings<'_, T> {
@@ -67,12 +93,26 @@ impl<T: Real> Problem<T> for Bearings<'_, T> {
     }
 
     fn cost(&self, x: &[T], weights_at: &[T]) -> T {
-        let ((position, heading), (position_then, heading_then)) = (pose(x), pose(weights_at));
-        self.kept().fold(T::zero(), |sum, sighting| {
-            let weight = compare(sighting, position_then, heading_then).weight;
-            let residual = compare(sighting, position, heading).residual;
-            sum + residual * residual * weight
-        })
+        self.sums(x, weights_at).cost
+    }
+
+    fn last_settles(&self) -> bool {
+        true
+    }
+
+    /// The heading turns by the mean of the residuals. Stops nearly on one line leave a valley along
+    /// which it turns with the place.
+    fn settled(&self, x: &mut [T], weights_at: &[T]) -> T {
+        let Sums {
+            weight,
+            residual,
+            cost,
+        } = self.sums(x, weights_at);
+        let turn = residual / weight;
+        if let [_, _, heading] = x {
+            *heading += turn;
+        }
+        cost - residual * turn
     }
 }
 

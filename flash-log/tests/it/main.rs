@@ -2,4 +2,5 @@
 
 mod log;
 mod sequential_storage;
+mod spoilt;
 mod support;

@@ -47,7 +47,11 @@ pub enum SensorFault {
     Stuck,
     /// Its data makes no sense.
     Garbled,
-    /// It has measured more samples than were taken from it: steps may be lost.
+    /// What it measures is not gravity, in no scale that is known.
+    Scale,
+    /// Its settings change, or do not hold.
+    Changed,
+    /// It has measured more than was taken from it: steps may be lost.
     Overrun,
 }
 
@@ -78,6 +82,10 @@ impl fmt::Display for SensorError {
             SensorFault::Silent => "has stopped: check its supply",
             SensorFault::Stuck => "is stuck: switch it off and on",
             SensorFault::Garbled => "cannot be understood: shorten the wires of the bus",
+            SensorFault::Scale => "does not measure gravity: replace the breakout",
+            SensorFault::Changed => {
+                "loses its settings: check its supply, and shorten the wires of the bus"
+            }
             SensorFault::Overrun => "was not read for too long: steps are lost",
         })
     }

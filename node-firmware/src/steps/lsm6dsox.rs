@@ -7,13 +7,17 @@ use nalgebra::Vector3;
 
 use super::{
     fault::{Chip, SensorError, SensorFault},
-    triple, vector,
+    triple, vector, warning,
 };
 
 /// Bytes of a word of the FIFO, the tag first ("FIFO reading procedure").
 pub(super) const WORD: usize = 7;
 /// Bytes of a word without its tag.
 pub(super) const DATA: usize = 6;
+
+/// "`FIFO_CTRL4` (0Ah)": the FIFO is off. A chip whose FIFO streams, of a board that was restarted alone, may
+/// refuse its reset.
+pub(super) const BYPASS: [u8; 2] = [0x0A, 0x00];
 
 /// "`CTRL3_C` (12h)": bit 0 resets, bit 2 counts register numbers up in longer reads and writes.
 pub(super) const RESET: [u8; 2] = [0x12, 0x05];
@@ -48,8 +52,9 @@ const FREQUENCY_STEP: f32 = 0.0015;
 /// (AN5272, `ODR_Coeff`).
 const PERIOD_US: f32 = 128e6 / 6667.0;
 
+const STANDARD_GRAVITY: f32 = 9.806_65;
 /// "Mechanical characteristics": 0.244 mg at 8 g, 17.5 mdps at 500 dps.
-const ACCELERATION: f32 = 0.244e-3 * 9.806_65;
+const ACCELERATION: f32 = 0.244e-3 * STANDARD_GRAVITY;
 const ANGULAR_RATE: f32 = 17.5e-3 * core::f32::consts::PI / 180.0;
 
 /// The time between two samples, us, from the register of the frequency.
@@ -74,6 +79,81 @@ pub(super) fn in_si(data: &[u8; 2 * DATA]) -> (Vector3<f32>, Vector3<f32>) {
         vector(numbers, unit)
     };
     (part(rate, ANGULAR_RATE), part(force, ACCELERATION))
+}
+
+/// Of an LSM6DSO32, which says that it is an LSM6DSOX: all its ranges are twice as large (DS13114, "Mechanical
+/// characteristics").
+const SCALE_OF_32: f32 = 2.0;
+/// Samples over which gravity is measured: two seconds. Steps make of it a little more at most.
+const WEIGHED: u8 = 104;
+/// Of gravity, half of which the one chip measures where the other one measures it.
+const LEAST: f32 = 0.7 * STANDARD_GRAVITY;
+const MOST: f32 = 2.0 * LEAST;
+
+/// The scale of the accelerometer, which gravity tells.
+#[derive(Debug)]
+pub(super) struct Scale {
+    factor: f32,
+    weighing: Weighing,
+}
+
+#[derive(Debug, Default)]
+struct Weighing {
+    sum: f32,
+    count: u8,
+}
+
+impl Default for Scale {
+    fn default() -> Self {
+        Self {
+            factor: 1.0,
+            weighing: Weighing::default(),
+        }
+    }
+}
+
+impl Scale {
+    /// Gravity is measured again. Until then the scale is as it was.
+    pub(super) fn weigh(&mut self) {
+        self.weighing = Weighing::default();
+    }
+
+    /// An acceleration in this scale. None where this showed that the chip has another one: from now on it
+    /// has that.
+    pub(super) fn apply(
+        &mut self,
+        acceleration: Vector3<f32>,
+    ) -> Result<Option<Vector3<f32>>, SensorError> {
+        let scaled = acceleration * self.factor;
+        if self.weighing.count == WEIGHED {
+            return Ok(Some(scaled));
+        }
+        self.weighing.sum += scaled.norm();
+        self.weighing.count += 1;
+        if self.weighing.count < WEIGHED {
+            return Ok(Some(scaled));
+        }
+        let gravity = self.weighing.sum / f32::from(WEIGHED);
+        let is_32 = self.factor > 1.0;
+        if (LEAST..MOST).contains(&gravity) {
+            return Ok(Some(scaled));
+        }
+        self.weigh();
+        if (LEAST / 2.0..LEAST).contains(&gravity) && !is_32 {
+            warning!("the accelerometer is an LSM6DSO32's: its scale is taken");
+            self.factor = SCALE_OF_32;
+            return Ok(None);
+        }
+        if (MOST..2.0 * MOST).contains(&gravity) {
+            // More than steps can make, if it was taken for the other chip.
+            if is_32 {
+                self.factor = 1.0;
+                return Ok(None);
+            }
+            return Ok(Some(scaled));
+        }
+        Err(Chip::Motion.is(SensorFault::Scale))
+    }
 }
 
 /// Puts the two words of a slot of time together.

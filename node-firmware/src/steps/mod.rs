@@ -52,11 +52,11 @@ use crate::{
 
 /// The step sensor: [`Pedestrian`] fed from chips on an I2C bus.
 ///
-/// A chip that fails is reported once by [`StepSensor::next`]; the next call sets both up anew.
-/// A call that is dropped loses the samples of one read of six words at most. These are three samples, or
-/// four if the read begins in the middle of one; less than a step. Up to three that are missing in a row are
-/// counted by the chip's two-bit numbers, so that no time is lost. If more are missing, as after a second
-/// drop before a complete sample was read again, the time of every four is lost.
+/// A transfer that fails is repeated some times. A chip that fails is reported once by [`StepSensor::next`]; the next call sets both up anew.
+/// A call that is dropped loses the samples of one read of six words at most. These are three, or
+/// four if the read begins in the middle of one; less than a step. Up to three that are missing in a
+/// row are counted by the chip's two-bit numbers, so that no time is lost. Of more, as after a second
+/// drop before a complete sample was read again, the time of every four is.
 #[derive(Debug)]
 pub struct InertialSteps<I, C> {
     bus: I,
@@ -133,6 +133,9 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
             let address = request.chip.address();
             let result = self.bus.transaction(address, operations).await;
             if let Err(error) = result {
+                if self.session.may_repeat(self.clock.now()) {
+                    continue;
+                }
                 return Err(request.chip.is(match error.kind() {
                     ErrorKind::NoAcknowledge(_) => SensorFault::Absent,
                     _ => SensorFault::Bus,

@@ -1,7 +1,8 @@
 //! Order and times of the requests to the chips.
 //!
-//! First comes a script, from a reset on, since the earlier state of the chips is not known. Then, again and
-//! again: the number of words in the FIFO, these words, and the compass.
+//! First comes a script, from a reset on, since nobody knows what the chips did before. Then, again
+//! and again: how many words wait in the FIFO, these words, the compass, and one of the settings,
+//! which a supply that is weak or noise on the bus may change.
 
 use core::{ops::Range, time::Duration};
 
@@ -12,7 +13,7 @@ use super::{
     debug,
     fault::{Chip, SensorError, SensorFault},
     lis3mdl::{self, Extent},
-    lsm6dsox::{self, Slots, WORD},
+    lsm6dsox::{self, Scale, Slots, WORD},
     stuck::Stuck,
     triple, vector,
 };
@@ -22,6 +23,10 @@ const POLL: Duration = Duration::from_millis(50);
 /// Chips that were reset have started up (the manufacturer's own examples wait 10 ms for the
 /// LSM6DSOX, and as long as this for the LIS3MDL).
 const START: Duration = Duration::from_millis(20);
+/// Times that a transfer is repeated before the bus counts as broken, and the time between: single errors are
+/// usual on long wires.
+const REPEATS: u8 = 3;
+const REPEAT: Duration = Duration::from_millis(10);
 /// Looks in a row at which a chip had nothing new, before it counts as silent: half a second.
 const SILENT: u8 = 10;
 /// First samples that are not used: the gyroscope takes 70 ms to turn on (LSM6DSOX datasheet,
@@ -99,6 +104,8 @@ enum What {
     IsNew,
     /// The numbers of the new reading.
     Reading,
+    /// A register that was set: whether it still has its value.
+    Check([u8; 2]),
 }
 
 impl Request {
@@ -112,6 +119,7 @@ impl Request {
             What::Words(words) => (lsm6dsox::FIFO_OUT, words as usize * WORD),
             What::IsNew => (lis3mdl::STATUS, 1),
             What::Reading => (lis3mdl::OUT, lis3mdl::DATA),
+            What::Check([register, _]) => (register, 1),
         };
         ([register, 0], length)
     }
@@ -128,7 +136,7 @@ enum Act {
     Pause,
 }
 
-const SCRIPT: [Act; 17] = {
+const SCRIPT: [Act; 18] = {
     use Chip::{Compass, Motion};
     const fn set(chip: Chip, register: [u8; 2]) -> Act {
         Act::Ask(chip, What::Set(register))
@@ -138,16 +146,17 @@ const SCRIPT: [Act; 17] = {
     [
         Act::Ask(Motion, What::Identity),
         Act::Ask(Compass, What::Identity),
+        set(Motion, lsm6dsox::BYPASS),
         set(Motion, lsm6dsox::RESET),
         set(Compass, lis3mdl::RESET),
         Act::Pause,
+        Act::Ask(Motion, What::Frequency),
         set(Motion, m0),
         set(Motion, m1),
         set(Motion, m2),
         set(Motion, m3),
         set(Motion, m4),
         set(Motion, m5),
-        Act::Ask(Motion, What::Frequency),
         set(Compass, c0),
         set(Compass, c1),
         set(Compass, c2),
@@ -156,7 +165,11 @@ const SCRIPT: [Act; 17] = {
     ]
 };
 
-/// Measurement at one time, in SI units; the field in uT.
+/// Where the settings are in it, up to its end, and those of the compass.
+const SETTINGS: u8 = COMPASS_SETTINGS - lsm6dsox::SETTINGS.len() as u8;
+const COMPASS_SETTINGS: u8 = (SCRIPT.len() - lis3mdl::SETTINGS.len()) as u8;
+
+/// What was measured at one time, in SI units; the field in uT.
 pub(super) struct Sample {
     /// In the chip's time, from any moment.
     pub(super) time_us: u64,
@@ -178,6 +191,7 @@ pub(super) struct Session {
     time_us: u64,
     extent: Extent,
     reports: u8,
+    scale: Scale,
 }
 
 /// State that ends with a new start.
@@ -196,6 +210,12 @@ struct Running {
     /// Looks since the last sample, and since the last reading of the compass.
     idle: u8,
     compass_idle: u8,
+    /// Failures of the next transfer so far.
+    failures: u8,
+    /// Which of the settings is checked next.
+    checked: u8,
+    /// It had another value when it was looked at last.
+    differs: bool,
     samples: Stuck<{ 2 * lsm6dsox::DATA }>,
     readings: Stuck<{ lis3mdl::DATA }>,
 }
@@ -207,6 +227,7 @@ enum Next {
     Look,
     AskCompass,
     ReadCompass,
+    Check,
 }
 
 impl Default for Session {
@@ -219,6 +240,7 @@ impl Default for Session {
             time_us: 0,
             extent: Extent::default(),
             reports: 0,
+            scale: Scale::default(),
         }
     }
 }
@@ -229,10 +251,22 @@ impl Session {
         self.done = 0;
         self.wait_until = None;
         self.running = Running::default();
+        self.scale.weigh();
         self.time_us = self.time_us.saturating_add(GAP_US);
     }
 
-    /// The next action when there are no more samples.
+    /// A transfer failed. Whether it is to be repeated. Words of the FIFO that were to be read wait there,
+    /// and are asked for anew.
+    pub(super) fn may_repeat(&mut self, now: Instant) -> bool {
+        let repeats = self.running.failures < REPEATS;
+        if repeats {
+            self.running.failures += 1;
+            self.wait_until = Some(now + REPEAT);
+        }
+        repeats
+    }
+
+    /// What to do when there are no more samples.
     pub(super) fn want(&mut self, now: Instant) -> Want {
         if let Some(until) = self.wait_until {
             if now < until {
@@ -261,6 +295,7 @@ impl Session {
             Next::Look => (Chip::Motion, What::Waiting),
             Next::AskCompass => (Chip::Compass, What::IsNew),
             Next::ReadCompass => (Chip::Compass, What::Reading),
+            Next::Check => running.check(),
         };
         Want::Ask(Request { chip, what })
     }
@@ -276,6 +311,7 @@ impl Session {
     pub(super) fn answered(&mut self, request: &Request, now: Instant) -> Result<(), SensorError> {
         let [first, second, ..] = self.buffer;
         let running = &mut self.running;
+        running.failures = 0;
         match request.what {
             What::Set(_) => self.done += 1,
             What::Identity => {
@@ -297,9 +333,40 @@ impl Session {
             What::IsNew if lis3mdl::is_new(first) => running.next = Next::ReadCompass,
             What::IsNew => self.rest(now),
             What::Reading => {
-                self.rest(now);
+                running.next = Next::Check;
+                // Of a chip that measures nothing, that is told.
+                if running.check().0 == Chip::Motion && running.idle > 0 {
+                    self.rest(now);
+                }
                 self.take_field()?;
             }
+            What::Check([_, value]) => {
+                self.rest(now);
+                self.checked(request.chip, first == value)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A setting was looked at, and is as it was set or not.
+    fn checked(&mut self, chip: Chip, is_right: bool) -> Result<(), SensorError> {
+        let running = &mut self.running;
+        if is_right {
+            running.differs = false;
+            running.checked += 1;
+            if SETTINGS + running.checked >= SCRIPT.len() as u8 {
+                running.checked = 0;
+            }
+            return Ok(());
+        }
+        // It may have been misread.
+        if core::mem::replace(&mut running.differs, true) {
+            return Err(chip.is(SensorFault::Changed));
+        }
+        if chip == Chip::Compass {
+            // In whatever unit it is.
+            running.field = None;
+            self.done = COMPASS_SETTINGS;
         }
         Ok(())
     }
@@ -357,6 +424,11 @@ impl Session {
                 continue;
             }
             let (angular_rate, acceleration) = lsm6dsox::in_si(&data);
+            let Some(acceleration) = self.scale.apply(acceleration)? else {
+                // What was measured so far is of another scale.
+                self.time_us = self.time_us.saturating_add(GAP_US);
+                continue;
+            };
             return Ok(Some(Sample {
                 time_us: self.time_us,
                 acceleration,
@@ -369,6 +441,17 @@ impl Session {
 }
 
 impl Running {
+    /// The setting that is checked next, and of which chip.
+    fn check(&self) -> (Chip, What) {
+        match SCRIPT.get(usize::from(SETTINGS + self.checked)) {
+            Some(&Act::Ask(chip, What::Set(setting))) => (chip, What::Check(setting)),
+            _ => {
+                debug_assert!(false, "behind the settings");
+                (Chip::Motion, What::Waiting)
+            }
+        }
+    }
+
     /// At how much there is to read.
     fn looked(&mut self) -> Result<(), SensorError> {
         self.idle += 1;

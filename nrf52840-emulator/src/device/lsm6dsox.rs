@@ -73,6 +73,8 @@ pub struct Lsm6dsox {
     pub fine: i8,
     /// Size of its noise, as a share of the data sheet's.
     pub noise: f64,
+    /// It is an LSM6DSO32, whose accelerometer has ranges twice as large (DS13114).
+    pub is_32: bool,
     world: Arc<dyn World>,
     random: Noise,
     registers: [u8; 128],
@@ -97,6 +99,7 @@ impl Lsm6dsox {
             identity: 0x6c,
             fine: 0,
             noise: 1.0,
+            is_32: false,
             world,
             random: Noise::new(seed),
             registers: [0; 128],
@@ -188,7 +191,8 @@ impl Lsm6dsox {
     fn acceleration(&mut self, acceleration: [f64; 3]) -> [u8; 6] {
         // `FS_XL`: 2, 16, 4 and 8 g.
         let unit = [0.061e-3, 0.488e-3, 0.122e-3, 0.244e-3];
-        let unit = unit[usize::from(self.get(CTRL1_XL) >> 2 & 3)];
+        let times = if self.is_32 { 2.0 } else { 1.0 };
+        let unit = times * unit[usize::from(self.get(CTRL1_XL) >> 2 & 3)];
         let sigma = self.sigma(ACCELERATION_NOISE, CTRL1_XL);
         let g = acceleration.map(|value| value / STANDARD_GRAVITY);
         bytes(self.random.on(g, sigma), unit)

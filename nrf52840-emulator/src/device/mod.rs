@@ -73,12 +73,15 @@ impl World for Samples {
     }
 }
 
+/// The error of a chip that does not acknowledge a byte: the master sees that, and nothing is wrong with it.
+pub const NOT_ACKNOWLEDGED: &str = "NAK";
+
 /// A chip that is asked and told by the master of the bus.
 pub trait Chip: fmt::Debug + Send {
     /// A write has ended: the first byte names a register.
     ///
     /// # Errors
-    /// An action that the data sheet forbids, or that is not modelled.
+    /// What the data sheet forbids, or is not modelled; or [`NOT_ACKNOWLEDGED`].
     fn write(&mut self, bytes: &[u8], now: u64) -> Result<(), &'static str>;
 
     /// A read of so many bytes has ended.

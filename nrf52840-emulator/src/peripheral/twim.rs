@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, SHORTS, US, Wires};
-use crate::device::Chip;
+use crate::device::{Chip, NOT_ACKNOWLEDGED};
 
 const ERRORSRC: u16 = 0x4c4;
 const ENABLE: u16 = 0x500;
@@ -50,6 +50,8 @@ const SHORTCUTS: [(u16, u16, u16); 6] = [
 ];
 /// ERRORSRC: no chip answered to the address.
 const NO_ANSWER: u32 = 2;
+/// ERRORSRC: a byte was not acknowledged.
+const REFUSED: u32 = 4;
 /// Two bits of the slowest bus.
 const STOP_TIME: u64 = 20 * US;
 
@@ -183,8 +185,14 @@ impl Model for Twim {
             (Step::Stop, _) => call.event(STOPPED),
             (Step::Write, Some(chip)) => {
                 self.transfers += 1;
-                if let Err(what) = chip.write(&self.bytes, now) {
-                    call.forbid("ADDRESS", what);
+                match chip.write(&self.bytes, now) {
+                    Ok(()) => {}
+                    Err(NOT_ACKNOWLEDGED) => {
+                        self.error |= REFUSED;
+                        call.event(ERROR);
+                        return;
+                    }
+                    Err(what) => call.forbid("ADDRESS", what),
                 }
                 call.set(TX_AMOUNT, self.bytes.len() as u32);
                 call.event(LASTTX);
@@ -340,6 +348,30 @@ mod tests {
         assert_eq!(bench.get(ERRORSRC), NO_ANSWER);
         bench.set(ERRORSRC, NO_ANSWER);
         assert_eq!(bench.get(ERRORSRC), 0);
+    }
+
+    #[test]
+    fn a_byte_may_be_refused() {
+        #[derive(Debug)]
+        struct Refuses;
+
+        impl Chip for Refuses {
+            fn write(&mut self, _: &[u8], _: u64) -> Result<(), &'static str> {
+                Err(NOT_ACKNOWLEDGED)
+            }
+
+            fn read(&mut self, _: &mut [u8], _: u64) {}
+        }
+
+        let mut bench = bench();
+        let chips = &mut bench.chip.model.model.chips;
+        chips.insert(Lsm6dsox::ADDRESS, Box::new(Refuses));
+        bench.set(ADDRESS, Lsm6dsox::ADDRESS);
+        bench.task(2);
+        bench.pass(150 * US);
+        assert!(bench.took(ERROR) && !bench.took(LASTTX));
+        assert_eq!(bench.get(ERRORSRC), REFUSED);
+        assert_eq!(bench.forbidden(), [""; 0]);
     }
 
     #[test]

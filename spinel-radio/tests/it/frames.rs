@@ -128,6 +128,46 @@ fn recorded_frames() {
     );
 }
 
+/// OpenThread of before August 2019 tells times in 32 and 16 bits (its pull request 4037 changed that), and of
+/// before 2020 no more of a transmission than the acknowledgement.
+#[test]
+fn frames_of_old_co_processors() {
+    let psdu = hex("41 88 07 01 00 02 00 05 00 aa bb cc 11 22");
+    let heard = hex("80 06 71 0E 00 41 88 07 01 00 02 00 05 00 AA BB CC 11 22 \
+         C4 80 00 00 08 00 0B B4 10 27 00 00 E8 03 01 00 00");
+    let frame = RxFrame {
+        rssi: -60,
+        channel: 11,
+        lqi: 180,
+        timestamp: 10_001_000,
+        ..RxFrame::new(&psdu)
+    };
+    assert_eq!(
+        SpinelMessage::parse(&heard),
+        Ok(is(0, Property::Received(frame)))
+    );
+
+    let report = |acknowledgement| {
+        let report = TxReport {
+            frame_pending: false,
+            header_updated: false,
+            acknowledgement: Some(acknowledgement),
+        };
+        Ok(is(5, Property::LastStatus(SpinelStatus::OK, Some(report))))
+    };
+    let sent = hex(
+        "85 06 00 00 00 05 00 02 00 07 11 22 C4 80 00 00 08 00 0B B4 10 27 00 00 E8 03 01 00 00",
+    );
+    let psdu = hex("02 00 07 11 22");
+    let acknowledgement = RxFrame {
+        psdu: &psdu,
+        ..frame
+    };
+    assert_eq!(SpinelMessage::parse(&sent), report(acknowledgement));
+    let unasked = hex("85 06 00 00 00 00 00");
+    assert_eq!(SpinelMessage::parse(&unasked), report(RxFrame::new(&[])));
+}
+
 #[test]
 fn properties() {
     let eui = Eui64([1, 2, 3, 4, 5, 6, 7, 8]);

@@ -21,6 +21,7 @@ use xshell::{Shell, cmd};
 
 use self::{grants::Count, image::Image, stack::Worst};
 use crate::{
+    built,
     documented::{self, number},
     setup,
 };
@@ -230,15 +231,14 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     let mut flags = short_paths()?;
     flags.push(format!("'{INLINING}'"));
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
-    cmd!(
+    let cargo = cmd!(
         sh,
-        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
+        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET} --message-format json-render-diagnostics"
     )
     .env(LINK_IN, folder)
-    .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER)
-    .run()?;
-    let built = sh.current_dir().join("target");
-    let built = built.join(TARGET).join(PROFILE).join(package);
+    .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
+    eprintln!("$ {cargo}");
+    let built = built::program(&cargo.quiet().read()?, package)?;
     let image = image(sh, package);
     sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;

@@ -9,7 +9,7 @@ use crate::{
     numerics::{
         cholesky::{self, Cholesky},
         matrix::{add_outer, dot},
-        real::lit,
+        real::{at_least_zero, lit},
     },
 };
 
@@ -44,6 +44,8 @@ pub(crate) struct Quadratic<'a, T> {
     pub gradient: &'a mut [T],
     /// `r^T W r`
     pub cost: T,
+    /// The last unknown is one that [`Problem::settled`] moves.
+    pub last_settles: bool,
 }
 
 impl<T: Real> Quadratic<'_, T> {
@@ -80,6 +82,9 @@ impl<T: Real> Quadratic<'_, T> {
 
     /// The step to the minimum of the model with its diagonal stretched by `1 + damping`. As many
     /// of its numbers count as there are unknowns.
+    ///
+    /// Of a model whose last unknown settles, what is left of the diagonal when that unknown follows
+    /// the others is stretched: far less, where the valley is narrow.
     #[inline(never)] // for less stack
     pub(crate) fn step(&self, damping: T) -> Option<[T; MOST]> {
         let n = self.gradient.len();
@@ -88,8 +93,15 @@ impl<T: Real> Quadratic<'_, T> {
         for (entry, h) in factor.iter_mut().zip(self.hessian.iter()) {
             *entry = *h;
         }
-        for entry in factor.iter_mut().step_by(next_diagonal(n)) {
-            *entry += *entry * damping;
+        let last = self.hessian.rchunks_exact(n.max(1)).next()?;
+        let last_entry = *last.last()?;
+        for (entry, with_last) in factor.iter_mut().step_by(next_diagonal(n)).zip(last) {
+            let follows = if self.last_settles {
+                *with_last * *with_last / last_entry
+            } else {
+                T::zero()
+            };
+            *entry += at_least_zero(*entry - follows) * damping;
         }
         cholesky::factor(factor, n)?;
         let mut step = [T::zero(); MOST];
@@ -117,6 +129,17 @@ pub(crate) trait Problem<T> {
     /// The cost at `x` with the weights at `weights_at`. Weights are compared only with
     /// themselves: otherwise a solve would run to where it may be most uncertain.
     fn cost(&self, x: &[T], weights_at: &[T]) -> T;
+
+    /// The last unknown has one best value wherever the others are. A walk then follows a curved valley
+    /// along which it changes with the others.
+    fn last_settles(&self) -> bool {
+        false
+    }
+
+    /// The cost, after the last unknown moved to its best value if it [settles](Self::last_settles).
+    fn settled(&self, x: &mut [T], weights_at: &[T]) -> T {
+        self.cost(x, weights_at)
+    }
 }
 
 /// A walk downhill over `P` unknowns, at most six: where it is, and the cost around there.
@@ -155,6 +178,7 @@ impl<T: Real, const P: usize> Descent<T, P> {
             hessian: self.hessian.as_mut_slice(),
             gradient: self.gradient.as_mut_slice(),
             cost: T::zero(),
+            last_settles: problem.last_settles(),
         };
         let iterations = walk(problem, self.x.as_mut_slice(), &mut model, method, limit);
         self.cost = model.cost;
@@ -168,6 +192,7 @@ impl<T: Real, const P: usize> Descent<T, P> {
             hessian: self.hessian.as_mut_slice(),
             gradient: self.gradient.as_mut_slice(),
             cost: T::zero(),
+            last_settles: problem.last_settles(),
         };
         problem.model(self.x.as_slice(), &mut model);
         model
@@ -309,9 +334,9 @@ fn moved<T: Real>(x: &[T], direction: &[T; MOST], length: T) -> [T; MOST] {
     next
 }
 
-/// The cost of one of the places that [`moved`] leads to.
-fn cost_at<T: Real>(problem: &impl Problem<T>, next: &[T; MOST], x: &[T]) -> Option<T> {
-    Some(problem.cost(next.get(..x.len())?, x))
+/// The cost of one of the places that [`moved`] leads to, which settles there.
+fn cost_at<T: Real>(problem: &impl Problem<T>, next: &mut [T; MOST], x: &[T]) -> Option<T> {
+    Some(problem.settled(next.get_mut(..x.len())?, x))
 }
 
 /// The least damping from `damping` on with which the cost falls.
@@ -323,8 +348,8 @@ fn damped<T: Real>(
 ) -> Option<[T; MOST]> {
     let (first, ten) = (lit::<T>(1e-3), lit::<T>(10.0));
     while *damping < lit(DAMPING_LIMIT) {
-        if let Some(next) = trial(x, model, *damping)
-            && cost_at(problem, &next, x)? < model.cost
+        if let Some(mut next) = trial(x, model, *damping)
+            && cost_at(problem, &mut next, x)? < model.cost
         {
             *damping = if *damping > first {
                 *damping / ten
@@ -365,9 +390,9 @@ fn downhill<T: Real>(
         });
     let mut length = -slope / curvature;
     for _ in 0..32 {
-        let next = moved(x, &direction, length);
+        let mut next = moved(x, &direction, length);
         // Twice the slope is the cost's derivative; a tenth of the promise is enough.
-        if cost_at(problem, &next, x)? <= model.cost + slope * length * lit(0.1) {
+        if cost_at(problem, &mut next, x)? <= model.cost + slope * length * lit(0.1) {
             return Some(next);
         }
         length *= lit(0.5);

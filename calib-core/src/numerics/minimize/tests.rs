@@ -90,6 +90,7 @@ fn a_step_solves_the_damped_normal_equations() {
         hessian: hessian.as_mut_slice(),
         gradient: gradient.as_mut_slice(),
         cost: 0.0,
+        last_settles: false,
     };
     let rows = [
         (0.3, [1.0, 2.0, -1.0], 2.0),
@@ -157,6 +158,7 @@ fn steepest_descent_takes_the_step_of_cauchy() {
         hessian: &mut hessian,
         gradient: &mut gradient,
         cost: 0.0,
+        last_settles: false,
     };
     problem.model(&x, &mut model);
     let next = downhill(&problem, &x, &model).unwrap();
@@ -168,6 +170,7 @@ fn steepest_descent_takes_the_step_of_cauchy() {
         hessian: &mut hessian,
         gradient: &mut gradient,
         cost: 0.0,
+        last_settles: false,
     };
     problem.model(&next[..2], &mut model);
     assert!(dot(step.as_slice(), &gradient).abs() < 1e-12);
@@ -281,6 +284,7 @@ fn damping_grows_until_the_cost_falls() {
             hessian: &mut [0.0],
             gradient: &mut [0.0],
             cost: 0.0,
+            last_settles: false,
         };
         problem.model(&[0.0], &mut model);
         damped(&problem, &[0.0], &model, damping).map(|next| next[0])

@@ -54,6 +54,8 @@ pub(crate) struct Faults {
     pub(crate) late_us: u64,
     /// A call is cut off after so many bytes at most.
     pub(crate) cut: Option<u32>,
+    /// So many transfers of so many are not acknowledged.
+    pub(crate) refused: Option<(u32, u32)>,
     /// All that is read is random.
     pub(crate) noise: bool,
 }
@@ -66,7 +68,8 @@ pub(crate) struct Bench {
     pub(crate) faults: RefCell<Faults>,
     rng: RefCell<Random>,
     bytes_to_cut: Cell<u32>,
-    /// True if the last call was cut off, and does not just wait for ever.
+    transfers: Cell<u32>,
+    /// Whether the last call was cut off, and does not just wait for ever.
     is_cut: Cell<bool>,
 }
 
@@ -86,6 +89,7 @@ impl Bench {
             faults: RefCell::default(),
             rng: RefCell::new(generator(1)),
             bytes_to_cut: Cell::new(100),
+            transfers: Cell::new(0),
             is_cut: Cell::new(false),
         })
     }
@@ -177,6 +181,8 @@ impl ErrorType for Wires {
     type Error = ErrorKind;
 }
 
+const REFUSED: ErrorKind = ErrorKind::NoAcknowledge(NoAcknowledgeSource::Data);
+
 impl I2c for Wires {
     async fn transaction(
         &mut self,
@@ -190,6 +196,7 @@ impl I2c for Wires {
             no_compass,
             broken,
             noise,
+            refused,
             ..
         } = *bench.faults.borrow();
         let is_motion = match address {
@@ -200,6 +207,11 @@ impl I2c for Wires {
         if broken {
             return Err(ErrorKind::ArbitrationLoss);
         }
+        let transfer = bench.transfers.get();
+        bench.transfers.set(transfer + 1);
+        if refused.is_some_and(|(some, of)| transfer % of < some) {
+            return Err(REFUSED);
+        }
         let mut register = None;
         for operation in operations {
             match operation {
@@ -209,7 +221,9 @@ impl I2c for Wires {
                         match register {
                             None => register = Some(byte),
                             Some(number) if is_motion => {
-                                bench.motion.borrow_mut().write(number, byte);
+                                if !bench.motion.borrow_mut().write(number, byte) {
+                                    return Err(REFUSED);
+                                }
                             }
                             Some(number) => bench.compass.borrow_mut().write(number, byte),
                         }

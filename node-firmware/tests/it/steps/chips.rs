@@ -28,6 +28,8 @@ pub(crate) struct Lsm6dsox {
     pub(crate) identity: u8,
     /// Excess of its clock over the nominal one, in steps of 0.15 %.
     pub(crate) fine: i8,
+    /// It is an LSM6DSO32, which says the same (DS13114).
+    pub(crate) is_32: bool,
     registers: [u8; 128],
     fifo: VecDeque<[u8; 7]>,
     /// The word that is being read.
@@ -45,6 +47,7 @@ impl Lsm6dsox {
         let mut chip = Self {
             identity: 0x6C,
             fine: 0,
+            is_32: false,
             registers: [0; 128],
             fifo: VecDeque::new(),
             word: [0; 7],
@@ -90,6 +93,7 @@ impl Lsm6dsox {
             }
             assert_eq!((xl >> 4, g >> 4), (3, 3), "only 52 Hz is modelled");
             let mg = [0.061, 0.488, 0.122, 0.244][usize::from(xl >> 2 & 3)];
+            let mg = if self.is_32 { 2.0 * mg } else { mg };
             let mdps = match g >> 1 & 7 {
                 0 => 8.75,
                 1 => 4.375,
@@ -121,11 +125,20 @@ impl Lsm6dsox {
         }
     }
 
-    pub(crate) fn write(&mut self, register: u8, value: u8) {
+    /// Returns false where it does not acknowledge: a reset while its FIFO streams, as people found.
+    pub(crate) fn write(&mut self, register: u8, value: u8) -> bool {
+        let is_reset = register == 0x12 && value & 1 != 0;
+        if is_reset && self.registers[0x0A] & 7 != 0 {
+            return false;
+        }
         self.registers[usize::from(register)] = value;
-        if register == 0x12 && value & 1 != 0 {
+        if register == 0x0A && value & 7 == 0 {
+            self.fifo.clear();
+        }
+        if is_reset {
             self.reset();
         }
+        true
     }
 
     /// Reads a register; returns also the register that a longer read goes on with.

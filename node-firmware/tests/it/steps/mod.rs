@@ -291,6 +291,129 @@ fn what_fails_under_way_is_set_up_anew() {
     }
 }
 
+/// Errors of the bus that pass cost nothing: wherever they come, in the start and in a walk.
+#[test]
+fn transfers_that_fail_are_repeated() {
+    let walk = || bench(person(100, &straight(40)));
+    let expected = {
+        let bench = walk();
+        length(&steps(&bench.until(&mut bench.sensor(&USUAL), f64::MAX)))
+    };
+    for refused in [(1, 2), (1, 7), (2, 5), (3, 4), (3, 100)] {
+        let bench = walk();
+        bench.faults.borrow_mut().refused = Some(refused);
+        let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
+        let steps = steps(&happened);
+        assert_eq!(steps.len(), 40, "{refused:?}");
+        let ratio = length(&steps) / expected;
+        assert!((ratio - 1.0).abs() < 0.02, "{refused:?}: {ratio}");
+    }
+    // What fails for longer is named.
+    let bench = walk();
+    bench.faults.borrow_mut().refused = Some((4, 100));
+    let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
+    let absent = |failure: &SensorError| failure.fault == SensorFault::Absent;
+    assert!(failures(&happened).iter().all(absent) && !failures(&happened).is_empty());
+}
+
+/// A board that was restarted alone finds its sensors as they were: the chip refuses a reset while its FIFO
+/// streams.
+#[test]
+fn a_board_may_start_without_its_sensors() {
+    let bench = bench(person(9, &straight(40)));
+    let before = steps(&bench.until(&mut bench.sensor(&USUAL), 12.0)).len();
+    assert!(before > 8, "{before}");
+    let after = steps(&bench.until(&mut bench.sensor(&USUAL), f64::MAX)).len();
+    // Those of the second in which it started are lost.
+    assert!(before + after >= 37, "{before} and {after}");
+}
+
+/// It says that it is the usual chip, and measures half.
+#[test]
+fn an_lsm6dso32_is_told_by_gravity() {
+    let walk = || person(100, &straight(40));
+    let expected = {
+        let bench = bench(walk());
+        steps(&bench.until(&mut bench.sensor(&USUAL), f64::MAX))
+    };
+    let bench = bench(walk());
+    bench.motion.borrow_mut().is_32 = true;
+    let mut sensor = bench.sensor(&USUAL);
+    let found = steps(&bench.until(&mut sensor, f64::MAX));
+    assert_eq!(found.len(), expected.len());
+    let off = (sum(&found) - sum(&expected)).norm();
+    assert!(off < 0.03 * sum(&expected).norm(), "{off} m");
+}
+
+/// A person who runs or turns the sensor over does not look like another chip; one that measures another
+/// gravity is named.
+#[test]
+fn a_scale_that_is_none_is_named() {
+    for (unit, is_named) in [
+        (0.2, true),
+        (0.8, false),
+        (1.3, false),
+        (1.8, false),
+        (3.5, true),
+    ] {
+        let mut walker = person(100, &[Act::Stand(5.0)]);
+        for reading in &mut walker.readings {
+            reading.acceleration *= unit;
+        }
+        let bench = bench(walker);
+        let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
+        let error = SensorError {
+            chip: Chip::Motion,
+            fault: SensorFault::Scale,
+        };
+        let failures = failures(&happened);
+        assert_eq!(!failures.is_empty(), is_named, "{unit}: {failures:?}");
+        assert!(failures.iter().all(|failure| *failure == error), "{unit}");
+    }
+}
+
+/// Noise on the bus, or a weak supply, changes a register: the compass measures in another unit from then on.
+#[test]
+fn a_setting_that_changes_is_set_again() {
+    let acts = [
+        Act::Walk(12, 0.0),
+        Act::Stand(3.0),
+        Act::Turn(1.5, 3.0),
+        Act::Stand(3.0),
+        Act::Walk(12, 0.0),
+    ];
+    let walk = || bench(person(100, &acts));
+    let expected = {
+        let bench = walk();
+        steps(&bench.until(&mut bench.sensor(&USUAL), f64::MAX))
+    };
+    let bench = walk();
+    let mut sensor = bench.sensor(&USUAL);
+    let mut found = steps(&bench.until(&mut sensor, 3.0));
+    bench.compass.borrow_mut().write(0x21, 0x60);
+    found.extend(steps(&bench.until(&mut sensor, f64::MAX)));
+    let off = (sum(&found) - sum(&expected)).norm();
+    assert_eq!(found.len(), expected.len());
+    assert!(off < 0.3, "{off} m");
+}
+
+/// Of the accelerometer that is an error, and what it measured is not used any more.
+#[test]
+fn a_range_that_changes_is_named() {
+    let bench = bench(person(9, &straight(80)));
+    let mut sensor = bench.sensor(&USUAL);
+    let before = steps(&bench.until(&mut sensor, 12.0)).len();
+    bench.motion.borrow_mut().write(0x10, 0x34);
+    let after = bench.until(&mut sensor, f64::MAX);
+    let changed = SensorError {
+        chip: Chip::Motion,
+        fault: SensorFault::Changed,
+    };
+    assert_eq!(failures(&after), [changed]);
+    let after = after.iter().filter(|(_, step)| step.is_ok()).count();
+    assert!(before + after > 74, "{before} and {after}");
+}
+
 /// Random bytes end in an error, never in a panic or a loop without end.
 #[test]
 fn noise_is_noticed() {

@@ -4,6 +4,7 @@ mod buttons;
 mod debugging;
 mod drift;
 mod faults;
+mod sensors;
 
 use std::{
     collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,
