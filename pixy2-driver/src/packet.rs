@@ -50,7 +50,7 @@ impl Signatures {
         }
     }
 
-    /// Whether a block of this signature is asked for. The uppermost bit stands for colour codes.
+    /// Returns true if a block of this signature is asked for. The uppermost bit stands for colour codes.
     pub(crate) const fn has(self, signature: u16) -> bool {
         match signature {
             0 => false,
@@ -137,7 +137,7 @@ enum State {
     Sync(bool),
     Kind,
     Length,
-    /// How many of its bytes have come.
+    /// Number of its bytes that have come.
     Sum(u8),
     Payload {
         got: u8,

@@ -59,7 +59,7 @@ pub enum Fault {
     /// The camera is busy all the time.
     Busy,
     /// The camera refuses each time: its number for why. -4 is a request that its program does not know, -5
-    /// somebody who holds its button.
+    /// a person who holds its button.
     Refused(i8),
 }
 

@@ -19,7 +19,7 @@
 //!   that comes into view is told at once, and not only after 48 ms.
 //! - A signature is a range of chromaticity around the colour that was taught, [`TOLERANCE`] to both
 //!   sides. White balance is set by the light in which it starts, and stays; exposure follows the light.
-//! - It has one program, color_connected_components, and servos at which nobody looks. What other programs
+//! - It has one program, `color_connected_components`, and servos that are not seen. What other programs
 //!   answer, such as `getRGB`, is "unsupported".
 
 pub mod note;
@@ -62,11 +62,11 @@ pub struct Configuration {
     pub baud: u32,
     /// The colours that it was taught, signature 1 first, [`SIGNATURES`] at most.
     pub signatures: Vec<Rgb>,
-    /// How often one byte of a request is another, and how often one of an answer.
+    /// Shares of requests and of answers in which one byte is another one.
     pub corrupt_line: f64,
     /// Seed of noise and faults.
     pub seed: u64,
-    /// Whether requests are [noted](Emulator::take_note).
+    /// True if requests are [noted](Emulator::take_note).
     pub watched: bool,
 }
 
@@ -147,7 +147,7 @@ impl Emulator {
         self.ages = [0; SIGNATURES];
     }
 
-    /// How often one byte of a request or an answer is another, from now on.
+    /// Sets the shares of requests and answers in which one byte is another one.
     pub fn set_corrupt_line(&mut self, rate: f64) {
         self.configuration.corrupt_line = rate;
         self.wire.set_corrupt_line(rate);
@@ -318,7 +318,9 @@ mod tests {
         }
         // While it starts nothing is answered, but told.
         camera.power_cycle(9 * SECOND);
-        [0xAE, 0xC1, 0x0E, 0].map(|byte| camera.receive(byte, 10 * SECOND));
+        for byte in [0xAE, 0xC1, 0x0E, 0] {
+            camera.receive(byte, 10 * SECOND);
+        }
         assert_eq!(camera.transmit(Time::MAX), None);
         let note = camera.take_note().unwrap().to_string();
         assert!(note.contains("starts"), "{note}");

@@ -33,7 +33,7 @@ pub struct Wire {
     corrupt: f64,
     random: ChaCha8Rng,
     heard: Vec<u8>,
-    /// Which byte of what is being heard becomes another, and the bit that does it.
+    /// Byte of the present message that becomes another one, and the bit that does it.
     damage: Option<(usize, u8)>,
     sending: VecDeque<(Time, u8)>,
 }

@@ -14,10 +14,10 @@ const LOOK: usize = 64;
 
 /// A flash whose driver waits for it. After each page the other tasks run.
 ///
-/// A page that reads as erased is not erased again: on new flash, logs would be begun by a second or two
-/// in which nobody reads the UART. An erasure that power ended in its last moments may leave such a page
-/// too; what rots in it is found by the checksums of the records. So may a write, of which a chip that checks
-/// each unit then refuses another one: a log that was refused leaves the page so that it is erased.
+/// A page that reads as erased is not erased again: on new flash, logs would begin with a second or two
+/// in which the UART is not read. An erasure that power ended in its last moments may leave such a page
+/// too; bits that rot in it are found by the checksums of the records. So may a write, of which a chip that
+/// checks each unit then refuses another one: a log that was refused leaves the page so that it is erased.
 #[derive(Debug)]
 pub struct Paged<F>(pub F);
 

@@ -107,7 +107,7 @@ pub(super) struct Image {
     banner: u8,
     /// True if the number of rows comes first in means; `None` if that is not known.
     counted: Option<bool>,
-    /// Whether rows of the frame have marks, as far as it has shown.
+    /// True if rows of the frame have marks, as far as it has shown.
     marked: Option<bool>,
 }
 

@@ -73,7 +73,7 @@ pub(super) struct Arguments {
         value_parser = clap::value_parser!(u8).range(1..=7)
     )]
     signature: u8,
-    /// What the camera's jumpers select, or what is set in a Pixy2; `auto` tries all rates that are usual.
+    /// Rate that the camera's jumpers select, or that is set in a Pixy2; `auto` tries all usual rates.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
     /// Time that the camera has to adapt to the light before gain and white balance are frozen.

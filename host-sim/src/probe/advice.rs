@@ -95,7 +95,7 @@ const STOPPED: [&str; 3] = [
     "does something else use the same port, or has the computer put the adapter to sleep?",
 ];
 
-/// What makes nonsense of it that was understood before.
+/// Lines that make nonsense of a camera that was understood before.
 const DISTURBED: [&str; 3] = [
     "has another program set a mode that is not known here? Without --as-is the camera is started up, \
      which ends all modes",

@@ -1,7 +1,7 @@
 //! Judgement how well a learnt colour tells an object from its background, and a window of colours that does
 //! it better.
 //!
-//! How much of the background has a colour is found out as on a node:
+//! The share of the background that has a colour is found as on a node:
 //! [`node_firmware::vision::background`], and so is whether it holds the whole object. Where the background
 //! has some of it, the window is peeled as in the
 //! patient rule induction method (J. H. Friedman and N. I. Fisher, "Bump hunting in high-dimensional
@@ -156,7 +156,7 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
         })
     }
 
-    /// What has a colour, if the background has any of it.
+    /// Part of the background that has a colour, if there is one.
     fn count_background(
         &mut self,
         bounds: ColourBounds,
@@ -183,7 +183,7 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
         Ok(None)
     }
 
-    /// Whether these bounds hold the whole object.
+    /// Returns true if these bounds hold the whole object.
     fn is_whole(&mut self, bounds: ColourBounds) -> Result<bool, Error<U::Error>> {
         let frame = self.camera.session().frame();
         let window = background::middle(frame, self.first);

@@ -60,7 +60,7 @@ const SEARCH_DRAIN_US: u32 = 100_000;
 /// shipped, and others that people set.
 const OVERHEARD_RATES: [u32; 6] = [19_200, 115_200, 57_600, 38_400, 230_400, 9_600];
 
-/// How long at each: ten pictures of an original Pixy.
+/// Time at each rate: ten pictures of an original Pixy.
 const OVERHEARD: Duration = Duration::from_millis(200);
 
 /// Bits per second, or to be found.
@@ -76,7 +76,7 @@ impl Baud {
     /// The same, if a CMUcam2 can have it.
     ///
     /// # Errors
-    /// What the camera's jumpers select.
+    /// Rate that the camera's jumpers select.
     pub fn of_jumpers(self) -> Result<Self, String> {
         match self {
             Self::Rate(rate) if !BAUD_RATES.contains(&rate) => Err(format!(
@@ -411,7 +411,7 @@ impl Port {
         Ok(false)
     }
 
-    /// What talks without being asked, if that can be told at one of the usual rates.
+    /// Device that talks without being asked, if that can be told at one of the usual rates.
     fn overhear(&mut self) -> Result<Option<Overheard>, PortError> {
         for rate in OVERHEARD_RATES {
             self.set_baud_rate(rate)?;
@@ -568,9 +568,9 @@ const QUIETENED: Duration = Duration::from_secs(45);
 pub struct Overheard {
     /// At this rate.
     pub rate: u32,
-    /// What it said.
+    /// Its bytes.
     pub heard: Vec<u8>,
-    /// Who says that.
+    /// Its name.
     pub who: Stranger,
 }
 
@@ -603,7 +603,7 @@ pub fn quieten(
             if let Some(overheard) = port.overhear()? {
                 return Ok(Err(overheard));
             }
-            // So it is also ended if nobody waits for it.
+            // So it also ends if no caller waits for it.
             for rate in BAUD_RATES {
                 port.set_baud_rate(rate)?;
                 port.send_all(b"\r")?;

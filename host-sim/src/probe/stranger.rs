@@ -84,13 +84,13 @@ impl Stranger {
         )
     }
 
-    /// Whether it talks all the time, and what it says can be told from the picture of a camera.
+    /// Returns true if it talks all the time, and its bytes can be told from the picture of a camera.
     pub(super) const fn talks_unasked(self) -> bool {
         matches!(self, Self::OriginalPixy | Self::Nmea)
     }
 }
 
-/// Whether an original Pixy's block is in this: words of two bytes, the lower one first. A synchronisation
+/// Returns true if an original Pixy's block is in this: words of two bytes, the lower one first. A synchronisation
 /// word, the sum of the words that follow, signature, x, y, width, height, and of a colour code its angle.
 fn has_pixy_block(heard: &[u8]) -> bool {
     (0..heard.len()).any(|at| {

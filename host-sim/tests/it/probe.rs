@@ -404,7 +404,7 @@ fn shaded_ball(files: &Files, shadow: [u8; 3], background: [u8; 3]) -> String {
     )
 }
 
-/// What is tracked is the ball, and not its lit part; or nothing is.
+/// The whole ball is tracked, and not its lit part alone; or nothing is.
 #[test]
 fn a_learnt_colour_holds_the_whole_object() {
     let files = Files::new();

@@ -47,7 +47,7 @@ pub enum SensorFault {
     Stuck,
     /// Its data makes no sense.
     Garbled,
-    /// What it measures is not gravity, in no scale that is known.
+    /// Its acceleration at rest is not gravity in any known scale.
     Scale,
     /// Its settings change, or do not hold.
     Changed,

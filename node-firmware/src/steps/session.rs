@@ -1,7 +1,7 @@
 //! Order and times of the requests to the chips.
 //!
-//! First comes a script, from a reset on, since nobody knows what the chips did before. Then, again
-//! and again: how many words wait in the FIFO, these words, the compass, and one of the settings,
+//! First comes a script, from a reset on, since the earlier state of the chips is not known. Then, again
+//! and again: the number of words in the FIFO, these words, the compass, and one of the settings,
 //! which a supply that is weak or noise on the bus may change.
 
 use core::{ops::Range, time::Duration};
@@ -169,7 +169,7 @@ const SCRIPT: [Act; 18] = {
 const SETTINGS: u8 = COMPASS_SETTINGS - lsm6dsox::SETTINGS.len() as u8;
 const COMPASS_SETTINGS: u8 = (SCRIPT.len() - lis3mdl::SETTINGS.len()) as u8;
 
-/// What was measured at one time, in SI units; the field in uT.
+/// Measurement at one time, in SI units; the field in uT.
 pub(super) struct Sample {
     /// In the chip's time, from any moment.
     pub(super) time_us: u64,
@@ -212,7 +212,7 @@ struct Running {
     compass_idle: u8,
     /// Failures of the next transfer so far.
     failures: u8,
-    /// Which of the settings is checked next.
+    /// Number of the setting that is checked next.
     checked: u8,
     /// It had another value when it was looked at last.
     differs: bool,
@@ -255,7 +255,7 @@ impl Session {
         self.time_us = self.time_us.saturating_add(GAP_US);
     }
 
-    /// A transfer failed. Whether it is to be repeated. Words of the FIFO that were to be read wait there,
+    /// Notes a failed transfer. Returns true if it is to be repeated. Words of the FIFO that were to be read wait there,
     /// and are asked for anew.
     pub(super) fn may_repeat(&mut self, now: Instant) -> bool {
         let repeats = self.running.failures < REPEATS;
@@ -266,7 +266,7 @@ impl Session {
         repeats
     }
 
-    /// What to do when there are no more samples.
+    /// The next action when there are no more samples.
     pub(super) fn want(&mut self, now: Instant) -> Want {
         if let Some(until) = self.wait_until {
             if now < until {

@@ -1,4 +1,4 @@
-//! What a colour that was just learnt is worth: how much of the background has it, and whether it holds the
+//! Worth of a colour that was just learnt: the share of the background that has it, and whether it holds the
 //! whole object.
 //!
 //! # The background
@@ -136,7 +136,7 @@ fn each(bounds: ColourBounds, of: impl Fn(LevelRange) -> LevelRange) -> ColourBo
     }
 }
 
-/// Whether bounds hold the object in the middle, by what [`middle`] has of them and of the `others`:
+/// Returns true if bounds hold the object in the middle, by what [`middle`] has of them and of the `others`:
 /// [`narrower`] and [`wider`] ones.
 pub fn is_whole(seen: Option<Tracking>, others: &[Option<Tracking>], frame: Size) -> bool {
     let filled = |seen: Tracking| seen.bounding_box().zip(seen.confidence());

@@ -212,7 +212,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         }
     }
 
-    /// Whether these bounds hold the whole object in the middle of the view.
+    /// Returns true if these bounds hold the whole object in the middle of the view.
     async fn is_whole(&mut self, bounds: ColourBounds) -> Result<bool, Error<U::Error>> {
         let frame = self.camera.session().frame();
         let middle = background::middle(frame, self.settings.first_column);

@@ -81,7 +81,7 @@ pub trait Chip: fmt::Debug + Send {
     /// A write has ended: the first byte names a register.
     ///
     /// # Errors
-    /// What the data sheet forbids, or is not modelled; or [`NOT_ACKNOWLEDGED`].
+    /// An action that the data sheet forbids, or that is not modelled; or [`NOT_ACKNOWLEDGED`].
     fn write(&mut self, bytes: &[u8], now: u64) -> Result<(), &'static str>;
 
     /// A read of so many bytes has ended.

@@ -28,7 +28,7 @@ struct Camera {
     errors: u32,
     /// So often a bit of what asks for blocks is damaged: signature 1 becomes signature 2.
     other: u32,
-    /// What it answers late, before the answer to the next request.
+    /// Answer that comes late, before the answer to the next request.
     late: Vec<u8>,
     /// Blocks as bytes.
     blocks: Vec<u8>,

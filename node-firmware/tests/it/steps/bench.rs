@@ -69,7 +69,7 @@ pub(crate) struct Bench {
     rng: RefCell<Random>,
     bytes_to_cut: Cell<u32>,
     transfers: Cell<u32>,
-    /// Whether the last call was cut off, and does not just wait for ever.
+    /// True if the last call was cut off, and does not just wait for ever.
     is_cut: Cell<bool>,
 }
 
