@@ -13,7 +13,7 @@ use calib_core::{
         JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage,
     },
 };
-use nalgebra::{Matrix2, Point2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
 use crate::{
     arithmetic::root,
@@ -58,6 +58,9 @@ const STRETCH: f32 = 0.2;
 
 /// A leg, a scale or a direction is not known better than this: rounding.
 pub(super) const LEAST_SIGMA: f32 = 1e-3;
+
+/// Cameras of the estimator that are references: the first ones.
+const REFERENCES: usize = 2;
 
 /// Stops that both references have to see for a frame between them.
 const FRAME_STOPS: usize = 3;
@@ -711,10 +714,16 @@ impl<'m> Estimate<'m> {
                 heading: level.heading + NOISE * root(frame.turned()),
             }
         });
-        let parts = PoseParts::from(frame.in_site(&Pose {
+        let mut in_site = frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
             ..pose
-        }));
+        });
+        // The place of a reference is the one that it was given: nothing is estimated of it.
+        if camera < REFERENCES && frame.is_given() {
+            let turned = in_site.covariance.m33;
+            in_site.covariance = Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, turned));
+        }
+        let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
         // A camera of which more than a third of the sightings contradict the rest is not believed: one that hangs
         // upside down fits what is left. Nor is a moved one.
