@@ -27,6 +27,22 @@ pub struct LensReport {
     pub cases: usize,
 }
 
+/// Explanation of sightings that do not fit together: the one that fits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Misfit {
+    /// Another lens.
+    Lens(LensReport),
+    /// Left and right are exchanged: a plan whose y axis runs downwards, or cameras that hang upside down.
+    Mirrored {
+        /// Sum of all cases' chi squared with the bearings negated.
+        chi_squared: f64,
+        /// The same with the bearings as given.
+        chi_squared_as_given: f64,
+        /// Cases of four sightings or more, which tell.
+        cases: usize,
+    },
+}
+
 /// One lens for all cases.
 struct Pooled {
     stretch: f64,
@@ -34,10 +50,13 @@ struct Pooled {
     chi_squared: f64,
 }
 
+/// Unknowns of a pose.
+const POSE: usize = 3;
+
 /// Rounds of "stretch all rays, solve all cases again".
 const ROUNDS: usize = 4;
 
-/// The lens that fits best, if that given does not: with the other one chi squared is less by more than
+/// The lens that fits best, if the given one does not, or that all is mirrored. With the other one chi squared is less by more than
 /// chance takes off in one of a thousand recordings. `None` also where too little is recorded to
 /// tell. `prior_sigma` is that of the focal length, relative.
 pub fn check(
@@ -45,7 +64,7 @@ pub fn check(
     camera: &Camera<f64>,
     field_of_view: f64,
     prior_sigma: f64,
-) -> Option<LensReport> {
+) -> Option<Misfit> {
     let cases: Vec<&[Sighting<f64>]> = recording
         .cases()
         .filter(|(_, case)| case.unreadable == 0 && case.sightings.len() >= 4)
@@ -56,6 +75,19 @@ pub fn check(
         return None;
     }
     let as_given = total(&cases, |ray| ray);
+    let redundant = cases.iter().map(|case| case.len() - POSE).sum();
+    let most = one_in_a_thousand::<f64>(redundant);
+    let mirrored = total(&cases, |ray| Ray {
+        left: -ray.left,
+        ..ray
+    });
+    if as_given > most && mirrored <= most {
+        return Some(Misfit::Mirrored {
+            chi_squared: mirrored,
+            chi_squared_as_given: as_given,
+            cases: cases.len(),
+        });
+    }
     let half_view = field_of_view / 2.0;
     let given = camera.projection();
     let candidates = [Projection::PinHole, Projection::EqualAngle].map(|projection| {
@@ -77,6 +109,10 @@ pub fn check(
     if !(as_given - best.chi_squared > one_in_a_thousand::<f64>(1)) {
         return None;
     }
+    // A lens that does not fit either explains nothing.
+    if as_given > most && best.chi_squared > most {
+        return None;
+    }
     let factor = 1.0 + best.stretch;
     let (field_of_view, slope) = match projection {
         Projection::PinHole => {
@@ -86,14 +122,14 @@ pub fn check(
         }
         Projection::EqualAngle => (field_of_view * factor, field_of_view),
     };
-    Some(LensReport {
+    Some(Misfit::Lens(LensReport {
         projection,
         field_of_view,
         field_of_view_sigma: slope * best.sigma,
         chi_squared: best.chi_squared,
         chi_squared_as_given: as_given,
         cases: cases.len(),
-    })
+    }))
 }
 
 fn changed(sightings: &[Sighting<f64>], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> Vec<Sighting<f64>> {

@@ -151,6 +151,8 @@ pub struct Camera {
     pub checked: bool,
     /// Its lens, where lenses were estimated.
     pub lens: Option<LensEstimate>,
+    /// True if its bearings fit once left and right are exchanged: it hangs upside down, or its picture is mirrored.
+    pub mirrored: bool,
     /// Number of bearings that it gave.
     pub bearings: usize,
     /// Number of bearings that count.

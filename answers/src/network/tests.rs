@@ -356,6 +356,52 @@ fn what_contradicts_is_named_and_left_out() {
     }
 }
 
+/// A camera that hangs upside down has bearings of the other sign. A pose of some of them is found by chance.
+#[test]
+fn a_camera_upside_down_is_not_believed_and_named() {
+    let (mut cameras, mut named) = (0, 0);
+    for seed in 0..40 {
+        let walk = Walk::random(
+            &mut generator(seed),
+            7,
+            if seed % 2 == 0 { 8 } else { 14 },
+            CarrierErrors::DRIFT,
+            0.004,
+        );
+        let Some(turned) = (2..7).find(|&camera| walk.seen_by(camera) >= 5) else {
+            continue;
+        };
+        let mut sightings = measured(&walk);
+        let id = turned as u16 + 1;
+        for seen in sightings
+            .bearings
+            .iter_mut()
+            .filter(|seen| seen.camera == id)
+        {
+            seen.bearing_deg = -seen.bearing_deg;
+        }
+        let solution = solved(&sightings);
+        let told = { solution.cameras.iter() }.find(|camera| camera.camera == id);
+        let told = told.unwrap();
+        cameras += 1;
+        named += usize::from(told.mirrored);
+        if let Some(estimate) = told.estimate
+            && told.status != Status::Doubtful
+        {
+            let off = estimate.pose().position - walk.cameras[turned].position();
+            let sigma = estimate.pose().sigma_position();
+            assert!(off.norm() < 5.0 * sigma, "{seed}: {told:?}");
+        }
+        let others = { solution.cameras.iter() }.filter(|camera| camera.camera != id);
+        assert!(others.clone().all(|camera| !camera.mirrored), "{seed}");
+    }
+    println!("{named} of {cameras} are named");
+    assert!(
+        cameras > 30 && named * 10 >= cameras * 7,
+        "{named} of {cameras}"
+    );
+}
+
 /// Directions that nothing ties to the baseline turn the carrier, not the cameras.
 #[test]
 fn a_frame_heading_that_is_not_known_is_found() {

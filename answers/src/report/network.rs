@@ -144,6 +144,14 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
             writeln!(out, "{}", other_lens(camera.camera, &lens))?;
         }
     }
+    for camera in solution.cameras.iter().filter(|camera| camera.mirrored) {
+        writeln!(
+            out,
+            "Camera {}: its bearings fit once left and right are exchanged. It hangs upside down, or its picture is \
+             mirrored: turn it over, or count its columns from the other side, and do not rely on its pose.",
+            camera.camera
+        )?;
+    }
     let unchecked = { solution.cameras.iter() }
         .filter(|camera| camera.estimate.is_some() && !camera.reference && !camera.checked);
     let unchecked: Vec<_> = unchecked.map(|camera| camera.camera.to_string()).collect();

@@ -9,7 +9,7 @@ use std::{
 
 use answers::accuracy::Comparisons;
 use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
-use answers::lens;
+use answers::lens::{self, Misfit};
 use answers::plot::{self, Map, MapCamera};
 use answers::recorded::{
     self, ReadError,
@@ -463,8 +463,22 @@ fn check_lens(arguments: &Arguments, recording: &Recording) -> anyhow::Result<bo
     let (Some(camera), Some(given)) = (arguments.camera.camera(USUAL_COLUMNS)?, given) else {
         return Ok(false);
     };
-    let Some(found) = lens::check(recording, &camera, given, arguments.lens_sigma) else {
-        return Ok(false);
+    let found = match lens::check(recording, &camera, given, arguments.lens_sigma) {
+        None => return Ok(false),
+        Some(Misfit::Lens(found)) => found,
+        Some(Misfit::Mirrored {
+            chi_squared,
+            chi_squared_as_given,
+            cases,
+        }) => {
+            tell(format_args!(
+                "  mirrored: the sightings fit once left and right are exchanged (chi squared of {cases} {} \
+                 {chi_squared:.1}, as given {chi_squared_as_given:.1}): y runs downwards in the plan, or the cameras \
+                 hang upside down. No pose can be relied on before y, or the columns, count from the other side",
+                if cases == 1 { "case" } else { "cases" },
+            ));
+            return Ok(true);
+        }
     };
     let name = |projection| match projection {
         Projection::PinHole => "pinhole",

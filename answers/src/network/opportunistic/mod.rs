@@ -335,6 +335,7 @@ fn told(
             redundancy: least,
             checked: false,
             lens: None,
+            mirrored: false,
             bearings: own().count(),
             used: own()
                 .filter(|s| s.counts && scene.is_in_front(s).is_some())

@@ -173,6 +173,7 @@ impl Walk<'_> {
             redundancy: None,
             checked: false,
             lens: None,
+            mirrored: false,
             bearings: own().count(),
             used: used.count(),
         };
@@ -180,7 +181,22 @@ impl Walk<'_> {
         told.lens = output.lenses[camera].map(|lens| LensEstimate::new(&lens, given));
         let is_other = told.lens.is_some_and(|lens| lens.wrong);
         let is_off = |finding: &Found<f64>| matches!(finding, Found::Camera { camera: off, .. } if *off == camera);
-        let contradicts = is_bad || output.findings.iter().any(is_off);
+        // Its sightings, from where the stops are.
+        let sightings: Vec<_> = own()
+            .filter_map(|seen| {
+                let stop = part.stops.binary_search(&seen.stop).ok()?;
+                let place = output.places[stop].as_ref()?;
+                let ray = Ray::from_bearing(seen.value);
+                let mut sighting = Sighting::new(place.position, ray, seen.sigma);
+                sighting.target_covariance = place.covariance;
+                Some(sighting)
+            })
+            .collect();
+        told.mirrored = !reference && told.used < told.bearings && fit_mirrored(&sightings);
+        // A consensus of what is left is found by chance.
+        let is_outvoted = 3 * told.used < 2 * told.bearings;
+        let contradicts =
+            is_bad || told.mirrored || is_outvoted || output.findings.iter().any(is_off);
         if let Some(pose) = output.poses[camera] {
             told.estimate = Estimate::new(&pose);
             told.protection = output.protections[camera].map(|levels| Protection {
@@ -201,17 +217,7 @@ impl Walk<'_> {
             };
             return told;
         }
-        // Why its bearings give no pose, from where the stops are.
-        let sightings: Vec<_> = own()
-            .filter_map(|seen| {
-                let stop = part.stops.binary_search(&seen.stop).ok()?;
-                let place = output.places[stop].as_ref()?;
-                let ray = Ray::from_bearing(seen.value);
-                let mut sighting = Sighting::new(place.position, ray, seen.sigma);
-                sighting.target_covariance = place.covariance;
-                Some(sighting)
-            })
-            .collect();
+        // Why its bearings give no pose.
         if sightings.len() >= 3 {
             let why = resection::solve(&sightings).err();
             let why = why.unwrap_or(if contradicts {
@@ -261,4 +267,20 @@ impl Walk<'_> {
             degrees_of_freedom: 0,
         }
     }
+}
+
+/// Returns true if a pose fits all these sightings with left and right exchanged.
+fn fit_mirrored(sightings: &[Sighting<f64>]) -> bool {
+    let mirrored: Vec<_> = sightings
+        .iter()
+        .map(|seen| Sighting {
+            ray: Ray {
+                left: -seen.ray.left,
+                ..seen.ray
+            },
+            ..*seen
+        })
+        .collect();
+    // Three sightings fit some pose in any case.
+    mirrored.len() > 3 && resection::solve(&mirrored).is_ok_and(|found| !found.fit().is_bad())
 }
