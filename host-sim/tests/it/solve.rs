@@ -777,23 +777,23 @@ fn a_lens_of_another_field_of_view_is_named() {
 /// Places from a plan whose y axis runs downwards. A lens that does not fit either is not named.
 #[test]
 fn a_mirrored_plan_is_named() {
+    let places = [
+        (4.0, 3.0),
+        (5.0, 6.0),
+        (3.0, 5.5),
+        (6.0, 4.5),
+        (4.5, 7.0),
+        (2.5, 2.6),
+    ];
+    // A pin-hole of 60 degrees and 88 columns.
+    let focal_length = 43.5 / 30_f64.to_radians().tan();
     let table = |mirror: f64| {
-        let mut csv = "case,target_x,target_y,bearing_rad,sigma_rad\n".to_owned();
-        for (case, (x, y, heading)) in [(0.0, 0.0, 0.7), (8.0, 1.0, 2.2)].into_iter().enumerate() {
-            for (n, (px, py)) in [
-                (4.0, 3.0),
-                (5.0, 6.0),
-                (3.0, 5.5),
-                (6.0, 4.5),
-                (4.5, 7.0),
-                (2.5, 2.6),
-            ]
-            .into_iter()
-            .enumerate()
-            {
+        let mut csv = "case,target_x,target_y,column\n".to_owned();
+        for (case, x, y, heading) in [(1, 0.0, 0.0, 0.7), (2, 8.0, 1.0, 2.4)] {
+            for (px, py) in places {
                 let bearing: f64 = f64::atan2(py - y, px - x) - heading;
-                let noise = 0.002 * f64::from((n * 7 + case) as u32 % 5).mul_add(0.5, -1.0);
-                csv += &format!("{case},{px},{},{},0.003\n", mirror * py, bearing + noise);
+                let column = (43.5 - focal_length * bearing.tan()).round();
+                csv += &format!("{case},{px},{},{column}\n", mirror * py);
             }
         }
         csv
@@ -803,12 +803,9 @@ fn a_mirrored_plan_is_named() {
     assert_eq!(right.code, 0, "{}", right.stderr);
     let mirrored = solve(-1.0);
     assert_eq!(mirrored.code, 1, "{}", mirrored.stderr);
-    assert!(
-        mirrored.stderr.contains("  mirrored: "),
-        "{}",
-        mirrored.stderr
-    );
-    assert!(!mirrored.stderr.contains("lens:"), "{}", mirrored.stderr);
+    let told = &mirrored.stderr;
+    assert!(told.contains("  mirrored: "), "{told}");
+    assert!(!told.contains("lens:"), "{told}");
 }
 
 /// Stage's blob finder sees equal angles.

@@ -44,7 +44,7 @@ const EDGE: u8 = 1;
 
 /// By how much it may fill its box more or less with other bounds, 256 times the share: pixels of its outline
 /// are both it and the background.
-const FILL: u8 = 16;
+const FILL: u8 = 32;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -192,7 +192,7 @@ impl Walk<'_> {
                 Some(sighting)
             })
             .collect();
-        told.mirrored = !reference && told.used < told.bearings && fit_mirrored(&sightings);
+        told.mirrored = !reference && fit_mirrored(&sightings);
         // A consensus of what is left is found by chance.
         let is_outvoted = 3 * told.used < 2 * told.bearings;
         let contradicts =
@@ -269,7 +269,8 @@ impl Walk<'_> {
     }
 }
 
-/// Returns true if a pose fits all these sightings with left and right exchanged.
+/// Returns true if a pose fits all these sightings with left and right exchanged, and none fits them better as they
+/// are.
 fn fit_mirrored(sightings: &[Sighting<f64>]) -> bool {
     let mirrored: Vec<_> = sightings
         .iter()
@@ -281,6 +282,11 @@ fn fit_mirrored(sightings: &[Sighting<f64>]) -> bool {
             ..*seen
         })
         .collect();
-    // Three sightings fit some pose in any case.
-    mirrored.len() > 3 && resection::solve(&mirrored).is_ok_and(|found| !found.fit().is_bad())
+    // Three sightings fit some pose in any case, and four often do.
+    mirrored.len() > 4
+        && resection::solve(&mirrored).is_ok_and(|found| {
+            let straight = resection::solve(sightings);
+            !found.fit().is_bad()
+                && straight.map_or(true, |straight| straight.chi_squared > found.chi_squared)
+        })
 }
