@@ -13,7 +13,7 @@ use embassy_futures::select::{Either4, select4};
 use embedded_storage_async::nor_flash::NorFlash;
 use nalgebra::{Rotation2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects},
+    config::{CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SiteKey, Subjects},
     console::ToPc,
     message::{
         CameraState, Confirmation, CoordinateFrame, Duty, Hello, MemberKind, Message, PoseParts,
@@ -218,7 +218,10 @@ fn camera_config() -> CameraConfig {
         blue: [16, 80],
     };
     let subjects = Subjects::Colours([orange].into_iter().collect());
-    CameraConfig::new(Lens::pin_hole(88, 45.0), subjects)
+    CameraConfig {
+        lens_sigma: LensSigma::EXACT,
+        ..CameraConfig::new(Lens::pin_hole(88, 45.0), subjects)
+    }
 }
 
 /// Shows a ball to a camera, in these columns and at these distances, until it has a pose. The camera is told
