@@ -29,7 +29,11 @@ pub const WALK_STOPS: usize = 100;
 
 /// Most stops that a target estimates together. The kept part of their equations grows with the square: 82 KB
 /// for 100 stops, 25 KB for 52.
-pub const ESTIMATED_STOPS: usize = if cfg!(feature = "long-walks") { 100 } else { 52 };
+pub const ESTIMATED_STOPS: usize = if cfg!(feature = "long-walks") {
+    100
+} else {
+    52
+};
 
 const _: () = assert!(ESTIMATED_STOPS <= WALK_STOPS, "each is written down");
 

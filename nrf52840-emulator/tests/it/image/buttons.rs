@@ -71,10 +71,11 @@ fn a_button_has_a_camera_learn_a_colour() {
         let camera = || {
             let lab = self::lab();
             let mut scene = Scene::default();
+            // A ball that fills the middle half, as it is asked for.
             scene.objects.push(Object {
                 colour: [230, 40, 30],
                 shape: Shape::Disc,
-                place: Place::At(Extent::centred(0.5, 0.5, 0.4, 0.4)),
+                place: Place::At(Extent::centred(0.5, 0.5, 0.6, 0.6)),
             });
             Node {
                 peer: Some(Box::new(lab.eye_before(0, scene))),
@@ -85,7 +86,7 @@ fn a_button_has_a_camera_learn_a_colour() {
         let mut site = Site::new(vec![Box::new(coordinator), Box::new(camera)]);
         site.run(20 * S);
         press(&mut site, 1, pin, 200 * MS);
-        site.run(60 * S);
+        site.run(150 * S);
         let outcome = site.switch_off(1);
         in_order(&outcome);
         let facts = facts(&outcome, lab.configs.cameras[0].owner());
