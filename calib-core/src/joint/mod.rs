@@ -186,6 +186,12 @@ impl Capacity {
     }
 }
 
+/// Returns true if a camera is believed of which so many of all its sightings count: two of three. Fewer agree by
+/// chance, as those of a camera that hangs upside down.
+pub const fn is_consensus(counting: usize, all: usize) -> bool {
+    3 * counting >= 2 * all
+}
+
 /// An unknown that the measurements do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

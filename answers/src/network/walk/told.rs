@@ -2,7 +2,7 @@
 
 use calib_core::{
     Ray, Refusal, Sighting, Status, angle,
-    joint::{Finding as Found, JointError, Quantity, Standing},
+    joint::{Finding as Found, JointError, Quantity, Standing, is_consensus},
     resection,
 };
 
@@ -193,8 +193,7 @@ impl Walk<'_> {
             })
             .collect();
         told.mirrored = !reference && fit_mirrored(&sightings);
-        // A consensus of what is left is found by chance.
-        let is_outvoted = 3 * told.used < 2 * told.bearings;
+        let is_outvoted = !is_consensus(told.used, told.bearings);
         let contradicts =
             is_bad || told.mirrored || is_outvoted || output.findings.iter().any(is_off);
         if let Some(pose) = output.poses[camera] {

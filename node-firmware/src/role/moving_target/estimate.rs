@@ -10,7 +10,7 @@ use calib_core::{
     dead_reckoning::{Step, Systematic},
     joint::{
         BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
-        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage,
+        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, is_consensus,
     },
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
@@ -58,9 +58,6 @@ const STRETCH: f32 = 0.2;
 
 /// A leg, a scale or a direction is not known better than this: rounding.
 pub(super) const LEAST_SIGMA: f32 = 1e-3;
-
-/// Cameras of the estimator that are references: the first ones.
-const REFERENCES: usize = 2;
 
 /// Stops that both references have to see for a frame between them.
 const FRAME_STOPS: usize = 3;
@@ -719,15 +716,14 @@ impl<'m> Estimate<'m> {
             ..pose
         });
         // The place of a reference is the one that it was given: nothing is estimated of it.
-        if camera < REFERENCES && frame.is_given() {
+        if camera < frame.references.len() && frame.is_given() {
             let turned = in_site.covariance.m33;
             in_site.covariance = Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, turned));
         }
         let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
-        // A camera of which more than a third of the sightings contradict the rest is not believed: one that hangs
-        // upside down fits what is left. Nor is a moved one.
-        let is_outvoted = 3 * count < 2 * came;
+        // A camera that hangs upside down fits what is left. A moved one is not believed either.
+        let is_outvoted = !is_consensus(count, came);
         let is_doubtful =
             is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
         // The camera itself knows which pose is good enough.

@@ -86,7 +86,7 @@ fn a_button_has_a_camera_learn_a_colour() {
         let mut site = Site::new(vec![Box::new(coordinator), Box::new(camera)]);
         site.run(20 * S);
         press(&mut site, 1, pin, 200 * MS);
-        site.run(150 * S);
+        site.run(60 * S);
         let outcome = site.switch_off(1);
         in_order(&outcome);
         let facts = facts(&outcome, lab.configs.cameras[0].owner());
