@@ -165,8 +165,7 @@ Bringing up a camera:
 How much of the background has the colour that was learnt is looked at while the object is still in the
 middle; hands and arms are background, too. Where it is more than nothing, narrower bounds are searched
 for in the camera's histograms. Bounds that 1 % of the background has, and no narrower ones for which
-that is not so, are refused; those of --colour never are. Neither are bounds taken that only a part of
-the object has, such as its lit side: wider ones are tried, and what holds no whole object is refused.
+that is not so, are refused; those of --colour never are.
 
 Single sightings without resetting the camera in between (run 3 starts it up):
   host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --as-is --at 1.5,-2
@@ -183,8 +182,8 @@ reported, and no sighting is recorded from then on.
 
 JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
 pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearings also without
---fov-deg and where the object is cut off by the left or right border or partly hidden. With --record, one
-per sighting: case, target_x, target_y, column, sigma_rad, column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
+--fov-deg and where the object is cut off by the left or right border or partly hidden. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
+column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
 damaged_rows. Everything else goes to the standard error output.
 
 Without a camera (--emulate): NAME is baud, fault, scene, seed, sensor, switch or taught, as of `host-sim camera`, or

@@ -390,48 +390,6 @@ fn the_rate_is_found() {
     assert!(text.contains("jumpers"), "{text}");
 }
 
-/// A ball over columns 24 to 63 whose lower left lies in shadow, and is of this colour.
-fn shaded_ball(files: &Files, shadow: [u8; 3], background: [u8; 3]) -> String {
-    files.write(
-        "shaded.toml",
-        &format!(
-            "noise = 1.0\n[background]\nplain = {background:?}\n\
-             [[object]]\ncolour = {shadow:?}\nshape = 'disc'\n\
-             stops = [{{ picture = [0.5, 0.5], size = [0.45, 0.6] }}]\n\
-             [[object]]\ncolour = [70, 190, 100]\nshape = 'disc'\n\
-             stops = [{{ picture = [0.555, 0.45], size = [0.32, 0.43] }}]\n"
-        ),
-    )
-}
-
-/// The whole ball is tracked, and not its lit part alone; or nothing is.
-#[test]
-fn a_learnt_colour_holds_the_whole_object() {
-    let files = Files::new();
-    let mut found = 0;
-    for shadow in [[48, 110, 60], [30, 95, 50], [60, 130, 80]] {
-        for background in [[228, 228, 224], [90, 90, 90]] {
-            let camera = Emulated::new(&shaded_ball(&files, shadow, background), &[]);
-            let done = run(&camera.arguments(&["--settle", "2", "--count", "1", "--json"]));
-            let told = format!("{shadow:?} before {background:?}: {}", done.stderr);
-            if done.code == 0 {
-                let line: Value = serde_json::from_str(&done.stdout).unwrap();
-                assert_eq!(
-                    (number(&line, "x1"), number(&line, "x2")),
-                    (24.0, 63.0),
-                    "{told}"
-                );
-                assert!(told.contains("wider bounds are taken"), "{told}");
-                found += 1;
-            } else {
-                assert_eq!(done.code, 2, "{told}");
-                assert!(told.contains("does not hold the whole object"), "{told}");
-            }
-        }
-    }
-    assert!(found >= 3, "{found}");
-}
-
 /// Nothing was garbled but the packet that the stop may have cut.
 fn assert_unharmed(told: &str) {
     let unharmed = ["0 bytes garbled", "garbled: 1 cut short"];

@@ -12,9 +12,9 @@
 //! # The object
 //! A camera learns the mean of its middle and some levels to either side. Of a ball in a slanting light that
 //! holds a crescent, whose edges are those of a shadow; where the background was in the mean, less. What is
-//! learnt holds the object if its edges, and how much of its box it fills, stay as they are with [narrower] and
-//! with [wider] bounds, as far as the background has little of these, and if what is within them is one compact
-//! thing in the middle. If not, wider ones are [tried](candidates), as far as no more of the background has them.
+//! learnt holds the object if its edges stay where they are with [narrower] and with [wider] bounds, as far as
+//! the background has little of these, and if what is within them is one compact thing in the middle. If not,
+//! wider ones are [tried](candidates), as far as no more of the background has them.
 
 use core::fmt;
 
@@ -39,12 +39,8 @@ const SLACK: u8 = 8;
 const GROWTH: u8 = 16;
 const GROWTHS: u8 = 5;
 
-/// Columns by which the edges of an object may be elsewhere with other bounds.
+/// Columns by which the edges of an object may be elsewhere with narrower bounds.
 const EDGE: u8 = 1;
-
-/// By how much it may fill its box more or less with other bounds, 256 times the share: pixels of its outline
-/// are both it and the background.
-const FILL: u8 = 32;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -139,21 +135,20 @@ fn each(bounds: ColourBounds, of: impl Fn(LevelRange) -> LevelRange) -> ColourBo
 /// Returns true if bounds hold the object in the middle, by what [`middle`] has of them and of the `others`:
 /// [`narrower`] and [`wider`] ones.
 pub fn is_whole(seen: Option<Tracking>, others: &[Option<Tracking>], frame: Size) -> bool {
-    let filled = |seen: Tracking| seen.bounding_box().zip(seen.confidence());
-    let Some((found, filled_by)) = seen.and_then(filled) else {
+    let Some(seen) = seen else { return false };
+    let Some(found) = seen.bounding_box() else {
         return false;
     };
+    let is_compact = seen.confidence() >= Some(COMPACT);
     // Numbers may be those of the frame or of the window that was looked at.
     let is_across = |from: u8, to: u8, side: u8| from <= side / 2 && to >= side / 2 - side / 8;
     let stays = |edge: u8, other: u8| edge.abs_diff(other) <= EDGE;
     let is_alike = |other: &Option<Tracking>| {
-        let Some((other, fill)) = other.and_then(filled) else {
-            return false;
-        };
-        stays(found.x1, other.x1) && stays(found.x2, other.x2) && fill.abs_diff(filled_by) <= FILL
+        let other = other.and_then(|other| other.bounding_box());
+        other.is_some_and(|other| stays(found.x1, other.x1) && stays(found.x2, other.x2))
     };
-    filled_by >= COMPACT
-        && found.x2.saturating_sub(found.x1) >= frame.width / 8
+    is_compact
+        && found.x2 - found.x1 >= frame.width / 8
         && is_across(found.x1, found.x2, frame.width)
         && is_across(found.y1, found.y2, frame.height)
         && others.iter().all(is_alike)
