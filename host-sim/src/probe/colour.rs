@@ -187,14 +187,9 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
     fn is_whole(&mut self, bounds: ColourBounds) -> Result<bool, Error<U::Error>> {
         let frame = self.camera.session().frame();
         let window = background::middle(frame, self.first);
-        let mut others = vec![self.look(background::narrower(bounds), window)?];
-        let wider = background::wider(bounds);
-        let around = self.count_background(wider)?;
-        if around.is_none_or(|around| !self.share(&around).is_hopeless()) {
-            others.push(self.look(wider, window)?);
-        }
+        let narrower = self.look(background::narrower(bounds), window)?;
         let seen = self.look(bounds, window)?;
-        Ok(background::is_whole(seen, &others, frame))
+        Ok(background::is_whole(seen, narrower, frame))
     }
 
     fn look(

@@ -12,9 +12,9 @@
 //! # The object
 //! A camera learns the mean of its middle and some levels to either side. Of a ball in a slanting light that
 //! holds a crescent, whose edges are those of a shadow; where the background was in the mean, less. What is
-//! learnt holds the object if its edges stay where they are with [narrower] and with [wider] bounds, as far as
-//! the background has little of these, and if what is within them is one compact thing in the middle. If not,
-//! wider ones are [tried](candidates), as far as no more of the background has them.
+//! learnt holds the object if its edges stay where they are with [narrower](narrower) bounds, and if what
+//! is within them is one compact thing in the middle. If not, [wider](candidates) bounds are tried, as far
+//! as no more of the background has them.
 
 use core::fmt;
 
@@ -119,11 +119,6 @@ pub fn narrower(bounds: ColourBounds) -> ColourBounds {
     each(bounds, |range| range.narrower(SLACK))
 }
 
-/// Bounds that must show the same edges, too, where the background has little of them.
-pub fn wider(bounds: ColourBounds) -> ColourBounds {
-    each(bounds, |range| range.wider(GROWTH))
-}
-
 fn each(bounds: ColourBounds, of: impl Fn(LevelRange) -> LevelRange) -> ColourBounds {
     ColourBounds {
         red: of(bounds.red),
@@ -132,26 +127,22 @@ fn each(bounds: ColourBounds, of: impl Fn(LevelRange) -> LevelRange) -> ColourBo
     }
 }
 
-/// Returns true if bounds hold the object in the middle, by what [`middle`] has of them and of the `others`:
-/// [`narrower`] and [`wider`] ones.
-pub fn is_whole(seen: Option<Tracking>, others: &[Option<Tracking>], frame: Size) -> bool {
-    let Some(seen) = seen else { return false };
-    let Some(found) = seen.bounding_box() else {
+/// Whether bounds hold the object in the middle, by what [`middle`] has of them and of [`narrower`] ones.
+pub fn is_whole(seen: Option<Tracking>, narrower: Option<Tracking>, frame: Size) -> bool {
+    let found = |seen: Option<Tracking>| seen?.bounding_box();
+    let (Some(found), Some(least)) = (found(seen), found(narrower)) else {
         return false;
     };
-    let is_compact = seen.confidence() >= Some(COMPACT);
+    let is_compact = seen.and_then(|seen| seen.confidence()) >= Some(COMPACT);
     // Numbers may be those of the frame or of the window that was looked at.
     let is_across = |from: u8, to: u8, side: u8| from <= side / 2 && to >= side / 2 - side / 8;
-    let stays = |edge: u8, other: u8| edge.abs_diff(other) <= EDGE;
-    let is_alike = |other: &Option<Tracking>| {
-        let other = other.and_then(|other| other.bounding_box());
-        other.is_some_and(|other| stays(found.x1, other.x1) && stays(found.x2, other.x2))
-    };
+    let stays = |edge: u8, least: u8| edge.abs_diff(least) <= EDGE;
     is_compact
         && found.x2 - found.x1 >= frame.width / 8
         && is_across(found.x1, found.x2, frame.width)
         && is_across(found.y1, found.y2, frame.height)
-        && others.iter().all(is_alike)
+        && stays(found.x1, least.x1)
+        && stays(found.x2, least.x2)
 }
 
 /// The view without its [`surroundings`].

@@ -216,22 +216,22 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
     async fn is_whole(&mut self, bounds: ColourBounds) -> Result<bool, Error<U::Error>> {
         let frame = self.camera.session().frame();
         let middle = background::middle(frame, self.settings.first_column);
-        let (narrower, wider) = (background::narrower(bounds), background::wider(bounds));
-        let is_tried = !self.background_share(wider).await?.is_hopeless();
         self.camera
             .set(Command::VirtualWindow(middle))
             .run()
             .await?;
-        let tried = [if is_tried { wider } else { narrower }, narrower, bounds];
-        let mut seen = [None; 3];
-        // The camera keeps the bounds of the last look.
-        for (bounds, seen) in tried.into_iter().zip(&mut seen) {
+        let mut seen = [None; 2];
+        // The camera keeps those of the last look.
+        for (bounds, seen) in [background::narrower(bounds), bounds]
+            .into_iter()
+            .zip(&mut seen)
+        {
             self.camera.track_colour(bounds).run().await?;
             *seen = self.camera.next_tracking().run().await?;
         }
         self.camera.set(Command::VirtualWindow(None)).run().await?;
-        let [others @ .., seen] = seen;
-        Ok(background::is_whole(seen, &others, frame))
+        let [narrower, seen] = seen;
+        Ok(background::is_whole(seen, narrower, frame))
     }
 
     /// The first of the bounds that hold the whole object, and how much of the background has them.
