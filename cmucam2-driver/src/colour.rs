@@ -88,27 +88,6 @@ impl LevelRange {
         }
     }
 
-    /// So many levels more at both ends, as far as there are any.
-    #[must_use]
-    pub fn wider(self, by: u8) -> Self {
-        Self {
-            min: self.min.saturating_sub(by).max(LEVEL_MIN).min(self.min),
-            max: self.max.saturating_add(by).min(LEVEL_MAX).max(self.max),
-        }
-    }
-
-    /// So many levels less at both ends, where pixels have levels beyond; the middle at least.
-    #[must_use]
-    pub fn narrower(self, by: u8) -> Self {
-        let middle = u8::midpoint(self.min, self.max);
-        let least = |level: u8| if level > LEVEL_MIN { by } else { 0 };
-        let most = |level: u8| if level < LEVEL_MAX { by } else { 0 };
-        Self {
-            min: self.min.saturating_add(least(self.min)).min(middle),
-            max: self.max.saturating_sub(most(self.max)).max(middle),
-        }
-    }
-
     /// The lowest level that counts.
     pub const fn min(self) -> u8 {
         self.min

@@ -31,7 +31,7 @@ use host_sim::probe::{
     sensor_name, stranger,
 };
 use indicatif::ProgressBar;
-use node_firmware::vision::{BackgroundShare, VisionError};
+use node_firmware::vision::BackgroundShare;
 
 use super::{
     camera::emulated,
@@ -493,31 +493,13 @@ impl<'a> Bench<'a> {
         let looking = spinner("looking how much of the background has this colour");
         let judged = colour::judge(&mut self.camera, bounds, self.view.first());
         looking.finish_and_clear();
-        let Judged {
-            background,
-            better,
-            whole,
-        } = judged.map_err(|error| self.failed(error))?;
-        let whole = whole.ok_or_else(|| {
-            anyhow!(
-                "{}; or give --colour {} to track it all the same",
-                VisionError::PartOfObject,
-                option(bounds)
-            )
-        });
+        let Judged { background, better } = judged.map_err(|error| self.failed(error))?;
         if background == BackgroundShare::NONE {
-            let whole = whole?;
             tell("nothing in the background has this colour");
-            if whole != bounds {
-                tell(
-                    "only a part of the object has it, so wider bounds are taken that hold all of it",
-                );
-            }
-            return Ok(whole);
+            return Ok(bounds);
         }
         match better {
             Some(better) if !better.background.is_hopeless() => {
-                whole?;
                 tell(format_args!(
                     "{background} of the background has this colour ({}), so a narrower one is taken: \
                      {} of the background and {:.0} % of the object have that",
@@ -534,7 +516,6 @@ impl<'a> Bench<'a> {
                 option(bounds)
             ),
             _ => {
-                whole?;
                 tell(format_args!(
                     "warning: {background} of the background has this colour, and will be taken for \
                      the object"

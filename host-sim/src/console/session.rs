@@ -350,7 +350,7 @@ impl Session {
                 match done.outcome {
                     CommandOutcome::Done | CommandOutcome::Learnt(_) => self.confirmed(),
                     CommandOutcome::Failed => self.failed = Some(Failure::CommandFailed(id)),
-                    CommandOutcome::CommonColour(_) | CommandOutcome::PartOfObject => {
+                    CommandOutcome::CommonColour(_) => {
                         self.failed = Some(Failure::CommandRefused(id, done.outcome));
                     }
                 }

@@ -1,9 +1,8 @@
 //! Judgement how well a learnt colour tells an object from its background, and a window of colours that does
 //! it better.
 //!
-//! The share of the background that has a colour is found as on a node:
-//! [`node_firmware::vision::background`], and so is whether it holds the whole object. Where the background
-//! has some of it, the window is peeled as in the
+//! How much of the background has a colour is found out as on a node:
+//! [`node_firmware::vision::background`]. Where that is more than nothing, the window is peeled as in the
 //! patient rule induction method (J. H. Friedman and N. I. Fisher, "Bump hunting in high-dimensional
 //! data", Statistics and Computing 9, 1999): of its six faces, the one is moved inwards that takes away most
 //! of the background for a tenth of the object at most; then all is measured again. The camera's histograms
@@ -46,9 +45,6 @@ pub struct Judged {
     pub background: BackgroundShare,
     /// A narrower window, if one is better.
     pub better: Option<Better>,
-    /// The bounds that hold the whole object: those that were learnt, the better ones, or wider ones where
-    /// the background has nothing of these.
-    pub whole: Option<ColourBounds>,
 }
 
 /// A window of colours that less of the background has.
@@ -79,7 +75,6 @@ where
     let frame = camera.session().frame();
     let mut looks = Looks {
         camera,
-        first,
         middle: Window::central(frame),
         around: background::surroundings(frame, first)
             .into_iter()
@@ -103,7 +98,6 @@ where
 /// A camera, and the parts of its view.
 struct Looks<'a, U, D> {
     camera: &'a mut Cmucam2<U, D>,
-    first: u8,
     middle: Window,
     around: Vec<Window>,
 }
@@ -116,13 +110,15 @@ struct Counted {
 
 impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
     fn judge(&mut self, bounds: ColourBounds) -> Result<Judged, Error<U::Error>> {
-        let Some(begun) = self.count_background(bounds)? else {
+        let frame = self.camera.session().frame();
+        let whole = self.look(bounds, None)?;
+        if whole.is_none_or(|seen| background::is_one_object(&seen, frame)) {
             return Ok(Judged {
                 background: BackgroundShare::NONE,
                 better: None,
-                whole: self.widen(bounds)?,
             });
-        };
+        }
+        let begun = self.count(bounds)?;
         let share = self.share(&begun);
         let (mut now, mut counted) = (bounds, begun);
         let object = f64::from(counted.object.max(1));
@@ -148,48 +144,10 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
                 });
             }
         }
-        let used = better.map_or(bounds, |better| better.bounds);
         Ok(Judged {
             background: share,
             better,
-            whole: self.is_whole(used)?.then_some(used),
         })
-    }
-
-    /// Part of the background that has a colour, if there is one.
-    fn count_background(
-        &mut self,
-        bounds: ColourBounds,
-    ) -> Result<Option<Counted>, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let seen = self.look(bounds, None)?;
-        if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-            return Ok(None);
-        }
-        let counted = self.count(bounds)?;
-        Ok((self.share(&counted) != BackgroundShare::NONE).then_some(counted))
-    }
-
-    /// The first of the bounds that hold the whole object, of which the background has nothing.
-    fn widen(&mut self, learnt: ColourBounds) -> Result<Option<ColourBounds>, Error<U::Error>> {
-        for bounds in background::candidates(learnt) {
-            if bounds != learnt && self.count_background(bounds)?.is_some() {
-                break;
-            }
-            if self.is_whole(bounds)? {
-                return Ok(Some(bounds));
-            }
-        }
-        Ok(None)
-    }
-
-    /// Returns true if these bounds hold the whole object.
-    fn is_whole(&mut self, bounds: ColourBounds) -> Result<bool, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let window = background::middle(frame, self.first);
-        let narrower = self.look(background::narrower(bounds), window)?;
-        let seen = self.look(bounds, window)?;
-        Ok(background::is_whole(seen, narrower, frame))
     }
 
     fn look(

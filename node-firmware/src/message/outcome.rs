@@ -18,8 +18,6 @@ pub enum CommandOutcome {
     Learnt(BackgroundShare),
     /// A colour was not learnt, because so much of the background has it.
     CommonColour(BackgroundShare),
-    /// A colour was not learnt, because only a part of the object has it.
-    PartOfObject,
 }
 
 impl CommandOutcome {
@@ -52,10 +50,6 @@ impl fmt::Display for CommandOutcome {
                 "refused: {share} of the background has this colour, so the target could not be told \
                  from it: another light, another ball, or what has it away; what was learnt before \
                  stays"
-            ),
-            Self::PartOfObject => f.write_str(
-                "refused: only a part of the target has this colour: put it into the middle of the view so \
-                 that it fills half of it, in an even light; what was learnt before stays",
             ),
         }
     }

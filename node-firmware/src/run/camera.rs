@@ -143,7 +143,6 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                         Err(VisionError::CommonColour(share)) => {
                             CommandOutcome::CommonColour(share)
                         }
-                        Err(VisionError::PartOfObject) => CommandOutcome::PartOfObject,
                         Err(_) => CommandOutcome::Failed,
                     };
                     if outcome.is_success()

@@ -1,25 +1,15 @@
-//! Worth of a colour that was just learnt: the share of the background that has it, and whether it holds the
-//! whole object.
+//! How much of the background has the colour of an object that was just learnt.
 //!
-//! # The background
 //! Every pixel of the colour counts for the box of a blob, so what else in view has it moves the edges
 //! and with them the direction. Two looks tell it while the object is still in the middle:
 //! - Where all pixels of the colour are in one box that they fill, as a ball fills its box by pi / 4,
 //!   and that is no wall, nothing else has the colour.
 //! - Otherwise the pixels along the four borders of the view are counted, an eighth of it on each side:
 //!   an object whose colour is learnt fills the middle half.
-//!
-//! # The object
-//! A camera learns the mean of its middle and some levels to either side. Of a ball in a slanting light that
-//! holds a crescent, whose edges are those of a shadow; where the background was in the mean, less. What is
-//! learnt holds the object if its edges stay where they are with [narrower](narrower) bounds, and if what
-//! is within them is one compact thing in the middle. If not, [wider](candidates) bounds are tried, as far
-//! as no more of the background has them.
 
 use core::fmt;
 
 use cmucam2_driver::{
-    colour::{ColourBounds, LevelRange},
     geometry::{Size, Window},
     packet::Tracking,
 };
@@ -31,16 +21,6 @@ const HOPELESS: u16 = 10;
 
 /// Least share of its box that an object fills, 256 times the share. A ball fills 201.
 const COMPACT: u8 = 160;
-
-/// Levels by which bounds that hold an object may be narrower.
-const SLACK: u8 = 8;
-
-/// Levels by which bounds grow that do not hold it, and how often.
-const GROWTH: u8 = 16;
-const GROWTHS: u8 = 5;
-
-/// Columns by which the edges of an object may be elsewhere with narrower bounds.
-const EDGE: u8 = 1;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -107,53 +87,6 @@ pub fn is_one_object(seen: &Tracking, frame: Size) -> bool {
     seen.is_lost()
         || seen.confidence().is_some_and(|filled| filled >= COMPACT)
             && 2 * box_area(seen) < area(frame)
-}
-
-/// Bounds to be tried for an object: those that were learnt, then wider ones.
-pub fn candidates(learnt: ColourBounds) -> impl Iterator<Item = ColourBounds> {
-    (0..=GROWTHS).map(move |times| each(learnt, |range| range.wider(times * GROWTH)))
-}
-
-/// Bounds that must show the same edges, if these hold the object.
-pub fn narrower(bounds: ColourBounds) -> ColourBounds {
-    each(bounds, |range| range.narrower(SLACK))
-}
-
-fn each(bounds: ColourBounds, of: impl Fn(LevelRange) -> LevelRange) -> ColourBounds {
-    ColourBounds {
-        red: of(bounds.red),
-        green: of(bounds.green),
-        blue: of(bounds.blue),
-    }
-}
-
-/// Whether bounds hold the object in the middle, by what [`middle`] has of them and of [`narrower`] ones.
-pub fn is_whole(seen: Option<Tracking>, narrower: Option<Tracking>, frame: Size) -> bool {
-    let found = |seen: Option<Tracking>| seen?.bounding_box();
-    let (Some(found), Some(least)) = (found(seen), found(narrower)) else {
-        return false;
-    };
-    let is_compact = seen.and_then(|seen| seen.confidence()) >= Some(COMPACT);
-    // Numbers may be those of the frame or of the window that was looked at.
-    let is_across = |from: u8, to: u8, side: u8| from <= side / 2 && to >= side / 2 - side / 8;
-    let stays = |edge: u8, least: u8| edge.abs_diff(least) <= EDGE;
-    is_compact
-        && found.x2 - found.x1 >= frame.width / 8
-        && is_across(found.x1, found.x2, frame.width)
-        && is_across(found.y1, found.y2, frame.height)
-        && stays(found.x1, least.x1)
-        && stays(found.x2, least.x2)
-}
-
-/// The view without its [`surroundings`].
-pub fn middle(frame: Size, first: u8) -> Option<Window> {
-    let Size { width, height } = frame;
-    let side = |length: u8| {
-        let from = (length / 8).saturating_add(first);
-        (from, (length - length / 8 - 1).saturating_add(first))
-    };
-    let ((x, x2), (y, y2)) = (side(width), side(height));
-    Window::new(x, y, x2, y2).ok()
 }
 
 /// The outer eighths of a view whose first column and row have this number: left, right, above and

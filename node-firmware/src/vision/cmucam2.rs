@@ -71,9 +71,6 @@ impl Cmucam2Settings {
     }
 }
 
-/// Bounds for what was learnt, or why there are none.
-type Judged = Result<(ColourBounds, BackgroundShare), VisionError>;
-
 /// A CMUcam2 on a UART. See the [module](self).
 #[derive(Debug)]
 pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
@@ -212,46 +209,6 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         }
     }
 
-    /// Returns true if these bounds hold the whole object in the middle of the view.
-    async fn is_whole(&mut self, bounds: ColourBounds) -> Result<bool, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let middle = background::middle(frame, self.settings.first_column);
-        self.camera
-            .set(Command::VirtualWindow(middle))
-            .run()
-            .await?;
-        let mut seen = [None; 2];
-        // The camera keeps those of the last look.
-        for (bounds, seen) in [background::narrower(bounds), bounds]
-            .into_iter()
-            .zip(&mut seen)
-        {
-            self.camera.track_colour(bounds).run().await?;
-            *seen = self.camera.next_tracking().run().await?;
-        }
-        self.camera.set(Command::VirtualWindow(None)).run().await?;
-        let [narrower, seen] = seen;
-        Ok(background::is_whole(seen, narrower, frame))
-    }
-
-    /// The first of the bounds that hold the whole object, and how much of the background has them.
-    async fn judge(&mut self, learnt: ColourBounds) -> Result<Judged, Error<U::Error>> {
-        let mut least = None;
-        for bounds in background::candidates(learnt) {
-            let share = self.background_share(bounds).await?;
-            if share > *least.get_or_insert(share) {
-                break;
-            }
-            if share.is_hopeless() {
-                return Ok(Err(VisionError::CommonColour(share)));
-            }
-            if self.is_whole(bounds).await? {
-                return Ok(Ok((bounds, share)));
-            }
-        }
-        Ok(Err(VisionError::PartOfObject))
-    }
-
     /// The frame that this camera will give with this lens, or why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
     async fn frame(&mut self) -> Result<Size, VisionError> {
@@ -286,12 +243,15 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         self.subject = None;
         let learnt = self.camera.learn(Learn::default()).run().await;
         let bounds = self.taken(learnt)?;
-        let judged = self.judge(bounds).await;
-        if judged.is_err() {
+        let share = self.background_share(bounds).await;
+        if share.is_err() {
             // It may be left with a part of its view.
             self.ready = false;
         }
-        let (bounds, background) = self.taken(judged)??;
+        let background = self.taken(share)?;
+        if background.is_hopeless() {
+            return Err(VisionError::CommonColour(background));
+        }
         let levels = |range: LevelRange| [range.min(), range.max()];
         let window = ColourWindow {
             red: levels(bounds.red),

@@ -35,8 +35,6 @@ pub enum VisionError {
     Colour,
     /// Too much of the background has the colour that was to be learnt.
     CommonColour(BackgroundShare),
-    /// The colour that was to be learnt is that of a part of the object.
-    PartOfObject,
     /// The camera was not started up since it was switched on or reset.
     NotStarted,
     /// Nothing was begun.
@@ -80,10 +78,6 @@ impl fmt::Display for VisionError {
                     f,
                     "{share} of the background has the object's colour: take that away, or another object"
                 );
-            }
-            Self::PartOfObject => {
-                "the colour that was learnt does not hold the whole object: put it into the middle of the \
-                 view so that it fills half of it, in an even light"
             }
             Self::NotStarted => "the camera is not set up: start it up first",
             Self::NotBegun => "nothing is looked for: begin first",

@@ -66,8 +66,7 @@ pub trait BlobCamera {
     /// looks how much of the background has it. A search that was begun is ended.
     ///
     /// # Errors
-    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it,
-    /// [`VisionError::PartOfObject`] where only a part of the object has;
+    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it;
     /// [`VisionError::Unable`] of a camera that was taught its colours beforehand.
     fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>>;
 

@@ -412,7 +412,6 @@ fn what_the_pc_is_told_is_these_bytes() {
     for (outcome, hex) in [
         (CommandOutcome::Learnt(share(3)), "030301010203"),
         (CommandOutcome::CommonColour(share(445)), "0303010103bd03"),
-        (CommandOutcome::PartOfObject, "0303010104"),
     ] {
         let done = CommandResult {
             command: CameraCommand::LearnColour { colour: 1 },
