@@ -477,9 +477,12 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
     }
     if let Some(lens) = sightings.lens {
         let is_view = |view: f64| view > 0.0 && view < 180.0;
-        if !is_length(lens.sigma) || lens.fov_deg.is_some_and(|view| !is_view(view)) {
+        let is_known =
+            lens.fov_deg.is_none_or(is_view) && (0.0..90.0).contains(&lens.principal_deg);
+        if !is_length(lens.sigma) || !is_known {
             return wrong(
-                "the lens: its sigma must be above 0, and its field of view between 0 and 180 degrees"
+                "the lens: its sigma must be above 0, its field of view between 0 and 180 degrees, and the sigma of \
+                 its axis, `principal_deg`, 0 to 90 degrees"
                     .to_owned(),
             );
         }

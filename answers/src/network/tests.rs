@@ -68,6 +68,7 @@ fn measured(walk: &Walk) -> Sightings {
         lens: (walk.lens_sigma > 0.0).then_some(Lens {
             sigma: walk.lens_sigma,
             fov_deg: Some(60.0),
+            principal_deg: 0.0,
         }),
     }
 }
@@ -534,6 +535,7 @@ fn measurements_without_an_answer_say_why() {
                 s.lens = Some(Lens {
                     sigma: 0.02,
                     fov_deg: Some(190.0),
+                    principal_deg: 0.0,
                 });
             }),
             "field of view",

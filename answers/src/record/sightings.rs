@@ -150,4 +150,7 @@ pub struct Lens {
     /// not the same for all.
     #[serde(default)]
     pub fov_deg: Option<f64>,
+    /// Standard deviation of every camera's optical axis, degrees; 0 where it is where it is said to be.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub principal_deg: f64,
 }

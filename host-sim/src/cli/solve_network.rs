@@ -122,7 +122,7 @@ FILE.json: what `host-sim run --json` wrote, or one of its `sightings`, or sever
                  \"standing_sigma\": 0.02}]
   ranges         optional: [{\"target\": 20, \"stop\": 1, \"camera\": 3, \"range\": 4.2, \"sigma\": 0.1}]
   visits         optional: [{\"target\": 20, \"stop\": 1, \"mark\": 7, \"sigma\": 0.02}]
-  lens           optional: {\"sigma\": 0.02, \"fov_deg\": 45}: focal lengths are unknowns too
+  lens           optional: {\"sigma\": 0.02, \"fov_deg\": 45, \"principal_deg\": 1}: focal lengths are unknowns too
   frame_heading_deg, network  optional
 FILE.csv: bearings. The first line names the columns, in any order; others are ignored.
   stop, camera   whole numbers; stops count up in the order in which they were made
@@ -245,8 +245,12 @@ impl Arguments {
         });
         if let Some(sigma) = self.lens_sigma {
             let fov_deg = self.camera.field_of_view().map(f64::to_degrees);
-            let fov_deg = fov_deg.or(sightings.lens.and_then(|lens| lens.fov_deg));
-            sightings.lens = Some(Lens { sigma, fov_deg });
+            let known = sightings.lens;
+            sightings.lens = Some(Lens {
+                sigma,
+                fov_deg: fov_deg.or(known.and_then(|lens| lens.fov_deg)),
+                principal_deg: known.map_or(0.0, |lens| lens.principal_deg),
+            });
         }
         if let Some(heading) = self.frame_heading_deg {
             sightings.frame_heading_deg = heading.0;

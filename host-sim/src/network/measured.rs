@@ -43,6 +43,7 @@ pub(super) fn sightings(
         (sigma > 0.0).then_some(Lens {
             sigma,
             fov_deg: None,
+            principal_deg: config.lens_sigma.principal_deg.into(),
         })
     });
     Sightings {

@@ -1,8 +1,8 @@
 //! Judgement how well a learnt colour tells an object from its background, and a window of colours that does
 //! it better.
 //!
-//! How much of the background has a colour is found out as on a node:
-//! [`node_firmware::vision::background`]. Where that is more than nothing, the window is peeled as in the
+//! The share of the background that has a colour is found as on a node:
+//! [`node_firmware::vision::background`]. Where it is more than nothing, the window is peeled as in the
 //! patient rule induction method (J. H. Friedman and N. I. Fisher, "Bump hunting in high-dimensional
 //! data", Statistics and Computing 9, 1999): of its six faces, the one is moved inwards that takes away most
 //! of the background for a tenth of the object at most; then all is measured again. The camera's histograms

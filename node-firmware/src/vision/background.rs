@@ -1,7 +1,7 @@
-//! How much of the background has the colour of an object that was just learnt.
+//! Share of the background that has the colour of an object that was just learnt.
 //!
-//! Every pixel of the colour counts for the box of a blob, so what else in view has it moves the edges
-//! and with them the direction. Two looks tell it while the object is still in the middle:
+//! Every pixel of the colour counts for the box of a blob. So another thing of that colour in view moves the
+//! edges, and with them the direction. Two looks tell it while the object is still in the middle:
 //! - Where all pixels of the colour are in one box that they fill, as a ball fills its box by pi / 4,
 //!   and that is no wall, nothing else has the colour.
 //! - Otherwise the pixels along the four borders of the view are counted, an eighth of it on each side:
@@ -89,8 +89,7 @@ pub fn is_one_object(seen: &Tracking, frame: Size) -> bool {
             && 2 * box_area(seen) < area(frame)
 }
 
-/// The outer eighths of a view whose first column and row have this number: left, right, above and
-/// below.
+/// The outer eighths of a view whose first column and row have this number: left, right, above and below.
 pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
     let Size { width, height } = frame;
     let (across, down) = (width / 8, height / 8);

@@ -209,7 +209,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         }
     }
 
-    /// The frame that this camera will give with this lens, or why they do not match. A frame may
+    /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
     async fn frame(&mut self) -> Result<Size, VisionError> {
         let version = self.camera.version().run().await;

@@ -232,7 +232,7 @@ impl<'a> Walk<'a> {
             },
             standing: self.carrier().standing_sigma,
             lens: self.sightings.lens.map(|lens| lens.sigma),
-            principal: None,
+            principal: { self.sightings.lens }.map(|lens| lens.principal_deg.to_radians()),
             limits: Limits {
                 position: position * baseline,
                 heading: heading_limit,

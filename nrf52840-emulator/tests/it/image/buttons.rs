@@ -71,11 +71,10 @@ fn a_button_has_a_camera_learn_a_colour() {
         let camera = || {
             let lab = self::lab();
             let mut scene = Scene::default();
-            // A ball that fills the middle half, as it is asked for.
             scene.objects.push(Object {
                 colour: [230, 40, 30],
                 shape: Shape::Disc,
-                place: Place::At(Extent::centred(0.5, 0.5, 0.6, 0.6)),
+                place: Place::At(Extent::centred(0.5, 0.5, 0.4, 0.4)),
             });
             Node {
                 peer: Some(Box::new(lab.eye_before(0, scene))),
