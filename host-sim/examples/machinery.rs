@@ -5,10 +5,10 @@ use std::{cell::Cell, rc::Rc, time::Instant};
 
 use cmucam2_driver::{colour::ColourBounds, device::Cmucam2, session::StartUp};
 use cmucam2_emulator::{Configuration, Emulator, Extent, Scene, Shape};
-use cmucam2_line::measure::track_for;
+use cmucam2_pair::measure::track_for;
 use embassy_futures::select::select;
 use host_sim::network::CameraDevice;
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Effort, Executor, Time},
     line::{Line, Side, Uart},
     medium::{Medium, Propagation},
@@ -17,7 +17,7 @@ use virtual_bench::{
 
 use support::{MILLISECOND, Network, SECOND};
 
-#[path = "../../virtual-bench/tests/it/support.rs"]
+#[path = "../../host/virtual-hardware/tests/it/support.rs"]
 #[allow(dead_code, reason = "a part of it is enough here")]
 mod support;
 

@@ -3,14 +3,14 @@
 
 use std::{fs::File, io::BufReader};
 
-use answers::accuracy::Comparisons;
-use answers::answer::{Settings, Solver};
-use answers::network::{self, NetworkSolution};
-use answers::record::{RunRecord, sightings::Sightings};
-use answers::recorded::{self, sightings::Assumptions};
 use calib_core::{Status, camera::Camera};
 use host_sim::network::{Options, Simulation};
 use nalgebra::{Matrix2, Point2, Vector2};
+use results::accuracy::Comparisons;
+use results::answer::{Settings, Solver};
+use results::network::{self, NetworkSolution};
+use results::record::{RunRecord, sightings::Sightings};
+use results::recorded::{self, sightings::Assumptions};
 use site::{Overrides, ScatterTable, Scenario, SensorTable};
 use test_support::{
     Truth,

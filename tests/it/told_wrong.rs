@@ -3,9 +3,9 @@
 
 use std::fmt;
 
-use answers::record::RunRecord;
 use calib_core::{Pose, Status};
 use host_sim::network::{Options, Simulation};
+use results::record::RunRecord;
 use site::{Overrides, Scenario, SensorTable};
 use test_support::{generator, normal};
 

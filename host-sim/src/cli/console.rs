@@ -9,19 +9,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-use answers::view::parse_command;
-use answers::{
+use anyhow::{Context, bail, ensure};
+use clap::Args;
+use host_sim::console::{output, session::Wish};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use node_firmware::limits::CONSOLE_BAUD;
+use results::view::parse_command;
+use results::{
     record::{
         event::{ObjectPlace, What},
         verdict::Verdict,
     },
     view::SitePlan,
 };
-use anyhow::{Context, bail, ensure};
-use clap::Args;
-use host_sim::console::{output, session::Wish};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::limits::CONSOLE_BAUD;
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{

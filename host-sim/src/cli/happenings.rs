@@ -8,12 +8,12 @@ use std::{
     time::Duration,
 };
 
-use answers::record::{
+use anyhow::Context;
+use clap::Args;
+use results::record::{
     RunRecord,
     event::{Event, Looker, What},
 };
-use anyhow::Context;
-use clap::Args;
 
 use super::{and, file_name, files::Files, late::Late, values};
 

@@ -7,15 +7,15 @@ use std::{
     time::Duration,
 };
 
-use answers::{
-    record::RunRecord,
-    view::{SitePlan, are_calibrated},
-};
 use anyhow::{anyhow, bail};
 use embedded_io::{Read, ReadReady, Write};
 use host_sim::{
     console::session::{Failure, MISSING, Session, Wish, frame},
     probe::port::{OpenError, Port, PortError},
+};
+use results::{
+    record::RunRecord,
+    view::{SitePlan, are_calibrated},
 };
 use site::Scenario;
 

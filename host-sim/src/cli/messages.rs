@@ -5,8 +5,8 @@ use std::{
     path::Path,
 };
 
-use answers::recorded::{Complaint, USUAL_BEARING_SIGMA};
 use indicatif::{ProgressBar, ProgressStyle};
+use results::recorded::{Complaint, USUAL_BEARING_SIGMA};
 
 use super::{file_name, tell};
 

@@ -7,9 +7,9 @@ use std::{
     process::ExitCode,
 };
 
-use answers::recorded::ReadError;
 use anyhow::anyhow;
 use clap::{Parser, Subcommand};
+use results::recorded::ReadError;
 
 mod camera;
 mod camera_options;

@@ -2,15 +2,15 @@
 
 use std::{path::PathBuf, process::ExitCode};
 
-use answers::record::{
+use anyhow::{Context, bail};
+use clap::{Args, Subcommand};
+use results::record::{
     RunRecord,
     event::{Event, of_record},
     sweep::Sweep,
     verdict::Verdict,
 };
-use answers::report::run::{run_report_with, runs_report};
-use anyhow::{Context, bail};
-use clap::{Args, Subcommand};
+use results::report::run::{run_report_with, runs_report};
 
 use super::{
     and,

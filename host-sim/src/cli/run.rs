@@ -9,7 +9,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use answers::record::{Node, RunRecord, event::Event, verdict::status_words};
 use anyhow::{Context, ensure};
 use calib_core::Status;
 use clap::{Args, ValueEnum};
@@ -17,6 +16,7 @@ use host_sim::live::{animation, report};
 use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Progress, Simulation, TrackRow};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
+use results::record::{Node, RunRecord, event::Event, verdict::status_words};
 use site::{Network, Site, coordinator_id};
 
 use super::{

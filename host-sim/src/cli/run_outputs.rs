@@ -5,11 +5,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use answers::export::{self, Frame};
-use answers::plot;
-use answers::record::{RunRecord, difference::Difference};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
+use results::export::{self, Frame};
+use results::plot;
+use results::record::{RunRecord, difference::Difference};
 
 use super::{and, end::End, file_name, files::Files, values, whole_file};
 

@@ -7,23 +7,23 @@ use std::{
     process::ExitCode,
 };
 
-use answers::accuracy::Comparisons;
-use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
-use answers::lens::{self, Misfit};
-use answers::plot::{self, Map, MapCamera};
-use answers::recorded::{
-    self, ReadError,
-    sightings::{self, Assumptions, Case, Recording, Survey},
-    truth::{self, Truth},
-};
-use answers::report::{
-    json::PoseLine,
-    table::{PoseTable, Words},
-};
 use anyhow::bail;
 use calib_core::{Status, camera::Projection, resection::USUAL_LENS_SIGMA};
 use clap::Args;
 use nalgebra::Point2;
+use results::accuracy::Comparisons;
+use results::answer::{self, Answer, Reason, Settings, Solver, Tally};
+use results::lens::{self, Misfit};
+use results::plot::{self, Map, MapCamera};
+use results::recorded::{
+    self, ReadError,
+    sightings::{self, Assumptions, Case, Recording, Survey},
+    truth::{self, Truth},
+};
+use results::report::{
+    json::PoseLine,
+    table::{PoseTable, Words},
+};
 
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},

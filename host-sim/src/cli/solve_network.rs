@@ -7,22 +7,22 @@ use std::{
     process::ExitCode,
 };
 
-use answers::accuracy::Comparisons;
-use answers::network::{self, NetworkError, NetworkSolution, ScaleFrom, Settings, usual_carrier};
-use answers::plot::{self, Map, MapCamera};
-use answers::record::{
+use anyhow::{Context, anyhow, bail, ensure};
+use clap::Args;
+use nalgebra::Point2;
+use results::accuracy::Comparisons;
+use results::network::{self, NetworkError, NetworkSolution, ScaleFrom, Settings, usual_carrier};
+use results::plot::{self, Map, MapCamera};
+use results::record::{
     RunRecord,
     sightings::{Lens, References, Sightings},
 };
-use answers::recorded::{
+use results::recorded::{
     self, ReadError,
     network::{self as rows, Assumptions},
     truth::{self, Truth},
 };
-use answers::report::network::network_report;
-use anyhow::{Context, anyhow, bail, ensure};
-use clap::Args;
-use nalgebra::Point2;
+use results::report::network::network_report;
 
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},

@@ -6,16 +6,16 @@ use std::{
     process::ExitCode,
 };
 
-use answers::recorded::{
-    self,
-    stops::{self, Assumptions},
-};
-use answers::report::{json::ReferenceLine, table};
 use calib_core::{
     Method,
     reference::{self, Known, ReferenceSettings},
 };
 use clap::{Args, ValueEnum};
+use results::recorded::{
+    self,
+    stops::{self, Assumptions},
+};
+use results::report::{json::ReferenceLine, table};
 
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},

@@ -8,11 +8,11 @@ use std::{
     thread,
 };
 
-use answers::record::sweep::Sweep;
 use anyhow::{Context, ensure};
 use clap::Args;
 use host_sim::network::run_all_until;
 use indicatif::{ProgressBar, ProgressStyle};
+use results::record::sweep::Sweep;
 use site::{ScatterTable, Scenario};
 
 use super::{

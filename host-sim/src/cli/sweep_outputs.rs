@@ -2,10 +2,10 @@
 
 use std::{path::PathBuf, process::ExitCode};
 
-use answers::plot;
-use answers::record::{RunRecord, sweep::SweepReport, verdict::Verdict};
-use answers::report::sweep::sweep_report;
 use clap::Args;
+use results::plot;
+use results::record::{RunRecord, sweep::SweepReport, verdict::Verdict};
+use results::report::sweep::sweep_report;
 
 use super::{and, end::End, files::Files, print, run_outputs::write, values};
 

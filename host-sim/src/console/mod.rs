@@ -1,6 +1,6 @@
 //! The coordinator of a real network, seen from the PC on its line: the parts of `host-sim console`.
 //! Nothing here opens a port or reads a clock. The coordinator's messages make a
-//! [`NetworkView`](answers::view::NetworkView).
+//! [`NetworkView`](results::view::NetworkView).
 //!
 //! | module | job |
 //! |---|---|

@@ -2,10 +2,10 @@
 
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 
-use answers::record::{Estimate, verdict::half_turn};
-use answers::report::table::Words;
-use answers::view::NetworkView;
 use calib_core::Refusal;
+use results::record::{Estimate, verdict::half_turn};
+use results::report::table::Words;
+use results::view::NetworkView;
 
 /// The members as a table. Lengths are in the unit in which the site was configured.
 pub fn table(known: &NetworkView) -> String {

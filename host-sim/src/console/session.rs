@@ -15,7 +15,7 @@ use node_firmware::{
     message::{CameraCommand, CommandOutcome, MemberAddress},
 };
 
-use answers::{
+use results::{
     record::event::{ObjectPlace, What},
     view::NetworkView,
 };
@@ -578,7 +578,6 @@ pub fn frame(message: &FromPc) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use answers::view::are_calibrated;
     use node_firmware::{
         console::NetworkInfo,
         message::{
@@ -586,6 +585,7 @@ mod tests {
             PoseParts, Report, Seen,
         },
     };
+    use results::view::are_calibrated;
 
     use super::*;
 

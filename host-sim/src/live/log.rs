@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use answers::record::{
+use results::record::{
     RunRecord,
     event::{Event, What},
 };
@@ -110,7 +110,7 @@ impl Log {
 
 #[cfg(test)]
 mod tests {
-    use answers::record::event::{Advice, Piece, WalkTo};
+    use results::record::event::{Advice, Piece, WalkTo};
 
     use super::*;
 

@@ -10,7 +10,7 @@
 //! The page is plain HTML, CSS and JavaScript in `page/`, embedded in the program. It asks only this
 //! server for data.
 
-use answers::record::event::Event;
+use results::record::event::Event;
 
 mod editor;
 mod log;
@@ -108,7 +108,7 @@ pub fn report(events: &[Event]) -> Result<String, serde_json::Error> {
 
 #[cfg(test)]
 mod tests {
-    use answers::record::event::What;
+    use results::record::event::What;
 
     use super::*;
 

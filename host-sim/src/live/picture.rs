@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use answers::record::{
+use calib_core::Status;
+use results::record::{
     Role,
     event::{self, Event, What},
 };
-use calib_core::Status;
 
 /// Duration of the animation, seconds; the last picture of a walk is held for a while.
 const PLAYS: f64 = 20.0;

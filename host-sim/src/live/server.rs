@@ -16,7 +16,6 @@ use std::{
     time::Duration,
 };
 
-use answers::record::event::Event;
 use axum::{
     Json, Router,
     extract::{Query, Request, State},
@@ -31,6 +30,7 @@ use axum::{
     },
     routing::{get, post},
 };
+use results::record::event::Event;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{mpsc as channel, watch};
 use tokio_stream::wrappers::ReceiverStream;

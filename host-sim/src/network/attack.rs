@@ -7,10 +7,10 @@ use std::{
     rc::Rc,
 };
 
-use answers::record::Attack;
 use rand::{Rng, RngExt};
+use results::record::Attack;
 use site::{Action, Forgery, Scenario};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Time},
     medium::{Event, Medium, NodeId},
 };

@@ -3,7 +3,7 @@
 use std::{cell::Cell, rc::Rc};
 
 use cmucam2_emulator::{Emulator, FaultRates, Scene};
-use virtual_bench::{executor::Time, line::Device};
+use virtual_hardware::{executor::Time, line::Device};
 
 /// Puts things where they are at a time.
 type Stage = Box<dyn FnMut(Time, &mut Scene)>;

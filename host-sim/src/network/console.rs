@@ -10,16 +10,16 @@ use std::{
     time::Duration,
 };
 
-use answers::view::NetworkView;
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use node_firmware::console::{FRAME_MAX, Frames, FromPc, ToPc, encode};
+use results::view::NetworkView;
 
 use super::{
     journal::{Moment, SharedJournal},
     node::Node,
 };
-use virtual_bench::{
+use virtual_hardware::{
     executor::Clock,
     line::{Port, Side},
     polled::Polled,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{KEY_INDEX, Simulation, secret};
 use node_firmware::role::COORDINATOR;
-use virtual_bench::random::Root;
+use virtual_hardware::random::Root;
 use zigbee_link::wire::Eui64;
 
 /// Protocols that Wireshark would otherwise see in payloads, though they are of none of these.

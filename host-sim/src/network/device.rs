@@ -5,7 +5,7 @@ use std::io;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use serialport::SerialPort;
 
-use virtual_bench::{executor::Clock, line, polled::Polled};
+use virtual_hardware::{executor::Clock, line, polled::Polled};
 
 /// A real serial port whose calls do not wait.
 pub(super) type Serial = Box<dyn SerialPort>;

@@ -14,7 +14,7 @@ use super::{
     node::Node,
 };
 use site::{Action, ScriptedEvent};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Time},
     medium::{Disturbance, Event, Kind, Medium, NodeId},
     random::Root,

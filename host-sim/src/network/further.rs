@@ -3,12 +3,12 @@
 
 use std::{collections::BTreeMap, rc::Rc};
 
-use answers::record::verdict::Verdict;
 use nalgebra::Point2;
+use results::record::verdict::Verdict;
 
 use super::{Simulation, outcome, walk::Orders};
 use site::{Network, TargetNode, planner};
-use virtual_bench::executor::Time;
+use virtual_hardware::executor::Time;
 
 /// Count of the stops to which targets were led on.
 pub(super) struct Further {

@@ -21,7 +21,7 @@ use node_firmware::{
 };
 use zigbee_link::wire::ShortAddress;
 
-use virtual_bench::executor::{Clock, Time};
+use virtual_hardware::executor::{Clock, Time};
 
 pub(super) type SharedJournal = Rc<RefCell<Journal>>;
 

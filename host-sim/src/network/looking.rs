@@ -1,18 +1,18 @@
 //! An onlooker's view of a simulation while it runs, and commands to it.
 
-use answers::record::{
-    RunRecord,
-    event::{CommandState, Event, Looker, ObjectPlace, What},
-};
 use nalgebra::Point2;
 use node_firmware::{
     console::FromPc,
     message::{CameraCommand, CommandOutcome, MemberAddress},
 };
+use results::record::{
+    RunRecord,
+    event::{CommandState, Event, Looker, ObjectPlace, What},
+};
 use site::{Action, ScriptedEvent};
-use virtual_bench::executor::Time;
+use virtual_hardware::executor::Time;
 
-use answers::view::command_name;
+use results::view::command_name;
 
 use super::{
     Simulation, events,

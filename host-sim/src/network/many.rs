@@ -12,7 +12,7 @@ use std::{
 };
 
 use super::{Options, Simulation};
-use answers::record::RunRecord;
+use results::record::RunRecord;
 use site::{Scenario, ScenarioError};
 
 /// Runs every scenario, `jobs` at a time, and hands the records to `take` in their order.

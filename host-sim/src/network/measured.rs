@@ -1,7 +1,7 @@
 //! Measurements of a run's nodes, as input of another solution.
 
-use answers::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings};
 use node_firmware::config::RoleConfig;
+use results::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings};
 
 use super::{Simulation, console::Console, outcome::Numbers};
 use site::{Network, TargetNode};

@@ -81,12 +81,12 @@ use crate::{
     probe::port::{OpenError, open},
     video::Video,
 };
-use answers::record::{RunRecord, Tracking};
 use nalgebra::Point2;
 use rand::Rng;
+use results::record::{RunRecord, Tracking};
 use site::world::World;
 use site::{Action, NetworkTable, RadioTable, Scenario, ScenarioError, Site};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Ended, Executor, Time, times_real_time},
     medium::{Capture, LogDistance, Medium, Propagation},
     random::Root,

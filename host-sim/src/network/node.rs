@@ -6,7 +6,6 @@ use std::{
     rc::Rc,
 };
 
-use answers::record::verdict::health_words;
 use board_support::flash::NRF52840 as NRF52840_FLASH;
 use calib_core::dead_reckoning::Step;
 use embassy_futures::select::{Either, select};
@@ -25,6 +24,7 @@ use node_firmware::{
     vision::CameraKind,
 };
 use rand::{Rng, RngExt};
+use results::record::verdict::health_words;
 use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
@@ -37,7 +37,7 @@ use crate::video::Video;
 use cmucam2_emulator::{Background, Configuration, Emulator, FaultRates, Rgb, Scene};
 use site::world::{Mood, View};
 use site::{CameraNode, Network, TargetNode};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Spawner, TaskId, Time},
     flash::{Flash, PAGE},
     line::{Line, Side, Uart},

@@ -2,7 +2,6 @@
 
 use std::{collections::BTreeMap, f64::consts::SQRT_2, sync::atomic::Ordering, time::Duration};
 
-use answers::record::RunRecord;
 use calib_core::angle::wrap_signed;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -11,6 +10,7 @@ use node_firmware::{
 };
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
+use results::record::RunRecord;
 
 use super::{SECOND, Simulation, journal::Moment, outcome};
 use crate::tracking::{Causes, Leg, Score, Sight};
@@ -18,7 +18,7 @@ use site::{
     CameraNode, MovingObject,
     world::{Camera, Target, World},
 };
-use virtual_bench::{executor::Time, random::Root};
+use virtual_hardware::{executor::Time, random::Root};
 
 /// Period with which objects move: less than a frame of any camera.
 const MOVES: Time = SECOND / 50;

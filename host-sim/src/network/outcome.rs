@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use answers::view;
 use calib_core::Sighting;
 use node_firmware::{config::RoleConfig as Configured, facts::KeptSighting, message::Duty};
+use results::view;
 
 use super::{Simulation, console::Console, journal::NodeEntry, measured};
-use answers::record::{
+use results::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
     Unit, View, heading_degrees, sightings::Sightings, summary::Summary,
 };
 use site::{CameraNode, Frame, Network};
-use virtual_bench::{executor::Time, medium::Reason};
+use virtual_hardware::{executor::Time, medium::Reason};
 
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;

@@ -15,7 +15,7 @@ use super::{
 };
 use site::TargetNode;
 use site::world::{Event, StepSensor, Walker};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Time},
     medium::Medium,
     random::Root,

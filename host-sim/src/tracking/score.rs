@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use answers::record::Tracking;
 use nalgebra::{Matrix2, Point2, Vector2};
 use node_firmware::console::TrackedObject;
+use results::record::Tracking;
 
 use super::bound::{Bound, Leg, Sight};
 

@@ -9,7 +9,7 @@ use embedded_io_async::Read;
 
 use cmucam2_driver::{colour::ColourBounds, device::Cmucam2, packet::Tracking, session::StartUp};
 use cmucam2_emulator::{Configuration, Emulator, Extent, FaultRates, Place, Scene, Shape};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Ended, Executor, TaskId, Time},
     line::{Line, Side, Uart},
 };

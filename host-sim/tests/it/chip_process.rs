@@ -13,11 +13,11 @@ use std::{
 };
 
 use crate::small::SMALL;
-use answers::record::RunRecord;
 use host_sim::network::{
     Chips, EmulatorError, Options, Simulation,
     outside::{Deed, Emulator, End, Order, Reports, Wires},
 };
+use results::record::RunRecord;
 use site::{Overrides, Scenario};
 
 /// Notes of what a stand-in was told.

@@ -1,11 +1,11 @@
 //! Events of a run: they add up to its record.
 
-use answers::record::{
+use host_sim::network::{Onlooker, Options, Simulation};
+use results::record::{
     RunRecord,
     event::{self, Event, News, What},
     verdict::Verdict,
 };
-use host_sim::network::{Onlooker, Options, Simulation};
 use site::{Action, Overrides, Scenario};
 
 /// A run with its events, looked at this often, nanoseconds.

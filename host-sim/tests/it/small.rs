@@ -1,6 +1,5 @@
 //! A small network, and a check that its cameras' poses, as machine code has them, are those of this program.
 
-use answers::record::RunRecord;
 use host_sim::network::Simulation;
 use node_firmware::{
     config::RoleConfig as Configured,
@@ -12,6 +11,7 @@ use node_firmware::{
         camera::{CameraEvent, CameraRole, CameraTask},
     },
 };
+use results::record::RunRecord;
 use zigbee_link::{Instant, wire::ShortAddress};
 
 const NOW: Instant = Instant(1_000_000);

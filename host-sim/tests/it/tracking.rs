@@ -2,13 +2,13 @@
 
 use std::ops::Range;
 
-use answers::record::{
-    RunRecord, Tracking,
-    event::{self, Event, What},
-};
 use host_sim::{
     network::{Onlooker, Options, Simulation, TrackRow, TrackingRun},
     tracking::Causes,
+};
+use results::record::{
+    RunRecord, Tracking,
+    event::{self, Event, What},
 };
 use site::{ObjectTable, Overrides, Scenario};
 

@@ -25,7 +25,7 @@ use node_firmware::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::flash::{self, Flash};
-use virtual_bench::flash::FlashError;
+use virtual_hardware::flash::FlashError;
 
 /// Small, so that it is often full; only a long walk takes as much as there is on the boards.
 const LEN: u32 = flash::length(32);

@@ -1,8 +1,8 @@
 //! An attacker without the key: permanent sending changes no pose, cuts no node off, and has nodes
 //! send little.
 
-use answers::record::{Attack, Radio, RunRecord};
 use host_sim::network::{Options, Simulation};
+use results::record::{Attack, Radio, RunRecord};
 use site::{Action, Forgery, Overrides, Scenario};
 
 use crate::network::yard::{Yard, assert_all_calibrated, run, with};

@@ -3,7 +3,7 @@
 use host_sim::network::{Options, Simulation};
 use site::{Overrides, Scenario};
 
-use answers::record::RunRecord;
+use results::record::RunRecord;
 
 /// Cells of 13 to 20 cameras, of which only the first has references.
 fn building(cameras: usize, cell_cameras: usize, seed: u64) -> RunRecord {
@@ -29,7 +29,7 @@ fn assert_one_frame(record: &RunRecord, cameras: usize, networks: usize) {
     assert_eq!(references.count(), 2);
     let summary = &record.summary;
     assert_eq!((summary.calibrated, summary.expected), (cameras, cameras));
-    let verdict = answers::record::verdict::Verdict::of(record);
+    let verdict = results::record::verdict::Verdict::of(record);
     assert!(!verdict.deceives, "{verdict}");
 }
 

@@ -1,11 +1,11 @@
 //! Carriers whose steps and compass have errors that the nodes may not know.
 
-use answers::record::{
+use calib_core::camera::Projection;
+use rand::RngExt;
+use results::record::{
     Node, RunRecord,
     verdict::{Common, Verdict},
 };
-use calib_core::camera::Projection;
-use rand::RngExt;
 use site::{Overrides, Scenario, world::Variant};
 use test_support::generator;
 

@@ -2,8 +2,8 @@
 
 use std::thread;
 
-use answers::record::sweep::Sweep;
 use host_sim::network::run_all;
+use results::record::sweep::Sweep;
 use site::{Overrides, Scenario, ScenarioError};
 
 use crate::network::yard::{Yard, run, written};

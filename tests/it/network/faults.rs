@@ -1,6 +1,6 @@
 //! Faults on the air and on lines make calibration later, not wrong.
 
-use answers::record::{
+use results::record::{
     RunRecord,
     verdict::{Trouble, Verdict},
 };

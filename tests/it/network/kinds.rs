@@ -2,13 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use answers::record::{
-    RunRecord,
-    verdict::{Common, Finding, Trouble, Verdict},
-};
 use calib_core::camera::Projection;
 use nalgebra::Vector2;
 use node_firmware::{hardware::Button, vision::CameraKind};
+use results::record::{
+    RunRecord,
+    verdict::{Common, Finding, Trouble, Verdict},
+};
 use site::world::Variant;
 use site::{Action, Overrides, Scenario};
 

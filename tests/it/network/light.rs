@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use answers::record::verdict::Verdict;
+use results::record::verdict::Verdict;
 use site::{Action, Overrides, Scenario};
 
 use crate::network::yard::{Yard, assert_all_calibrated, logged, node, run, with};

@@ -1,7 +1,7 @@
 //! Effects that take long, or pass unnoticed: idle days, restarts in them, flash that rots and wears, clocks
 //! that drift, carriers who rest or hurry.
 
-use answers::record::{Estimate, RunRecord};
+use results::record::{Estimate, RunRecord};
 use site::{Action, Scenario};
 
 use crate::network::yard::{

@@ -1,6 +1,6 @@
 //! A reference camera that dies before the poses of the references are known.
 
-use answers::record::{
+use results::record::{
     RunRecord,
     verdict::{Common, Verdict},
 };

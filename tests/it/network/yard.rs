@@ -2,8 +2,8 @@
 
 use std::{cell::RefCell, collections::BTreeMap, io, rc::Rc};
 
-use answers::record::{Node, RunRecord};
 use host_sim::network::{Options, Simulation};
+use results::record::{Node, RunRecord};
 use site::{Action, Overrides, Scenario, ScriptedEvent};
 use test_support::chi_squared_band;
 

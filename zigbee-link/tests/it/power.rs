@@ -20,7 +20,7 @@ use support::{
     flash::Flash,
     node::{LEN, air, provisioned, radio, settings},
 };
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Ended, Executor, Sleep, TaskId},
     medium::{Event, Medium, NodeId},
 };

@@ -17,7 +17,7 @@ use support::{
     aether::eui,
     node::{LEN, air, provisioned, settings},
 };
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Ended, Executor},
     medium::Abilities,
 };

@@ -9,7 +9,7 @@ use flash_log::{Entry, Log};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::flash::{self, Flash, PAGE};
-use virtual_bench::flash::FlashError;
+use virtual_hardware::flash::FlashError;
 use zigbee_link::{
     radio::Channel,
     security::{BLOCK, Counter, Key},

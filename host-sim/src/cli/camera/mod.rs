@@ -118,7 +118,7 @@ fn table<T: Display + Default + PartialEq>(settings: &[Setting<T>]) -> String {
 }
 
 /// The built-in scene, which is also the example of the format.
-const USUAL_SCENE: &str = include_str!("../../../../cmucam2-emulator/scenes/orange-ball.toml");
+const USUAL_SCENE: &str = include_str!("../../../../host/cmucam2-emulator/scenes/orange-ball.toml");
 
 fn epilogue() -> String {
     format!(
@@ -144,7 +144,7 @@ Scenes (--scene FILE.toml):
                         bearing_deg, elevation_deg, size_deg   positive to the left and upwards
                         x, y, height, radius                   in the world
   A size is one number above 0, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
-  Examples are in cmucam2-emulator/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
+  Examples are in host/cmucam2-emulator/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
 
 Video (--video FILE):
   Anything that ffmpeg reads: a recording, a webcam, a Raspberry Pi's camera, an IP camera. All of

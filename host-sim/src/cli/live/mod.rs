@@ -14,11 +14,11 @@ use std::{
     time::Duration,
 };
 
-use answers::record::event::{self, CommandState, Event, What};
 use anyhow::{Context, bail};
 use clap::Args;
 use host_sim::live::{About, Command, Server, serve};
 use node_firmware::limits::CONSOLE_BAUD;
+use results::record::event::{self, CommandState, Event, What};
 use site::BUILT_IN;
 
 use super::{interrupt, print, tell, values};

@@ -11,14 +11,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use answers::{
-    record::event::{CommandState, Event, Looker, What},
-    view::{command_name, parse_command},
-};
 use anyhow::{Context, bail, ensure};
 use host_sim::{
     console::session::Wish,
     live::{Command, Server},
+};
+use results::{
+    record::event::{CommandState, Event, Looker, What},
+    view::{command_name, parse_command},
 };
 use site::Scenario;
 

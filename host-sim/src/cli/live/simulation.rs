@@ -9,14 +9,14 @@ use std::{
     thread,
 };
 
-use answers::{record::event::CommandState, view::parse_command};
 use anyhow::{Context, ensure};
 use host_sim::{
     live::{Command, Server},
     network::{Onlooker, Options, Simulation},
 };
+use results::{record::event::CommandState, view::parse_command};
 use site::{Action, Overrides, Purpose, Scenario};
-use virtual_bench::executor::times_real_time;
+use virtual_hardware::executor::times_real_time;
 
 use super::super::tell;
 use super::{Arguments, POLL, start, told, wait};

@@ -7,7 +7,7 @@ use node_firmware::facts::{self, Fact, FactStore};
 
 use zigbee_link::{store::Store, wire::Eui64};
 
-use virtual_bench::{
+use virtual_hardware::{
     executor::Clock,
     flash::{Flash, PAGE},
     random::Root,

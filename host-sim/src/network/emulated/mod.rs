@@ -6,7 +6,7 @@ pub(super) mod memory;
 
 pub use self::error::EmulatorError;
 use super::node::Panel;
-use virtual_bench::{
+use virtual_hardware::{
     executor::Clock,
     medium::{Medium, NodeId},
 };

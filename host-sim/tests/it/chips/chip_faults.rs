@@ -4,14 +4,14 @@
 
 use std::{collections::BTreeMap, env};
 
-use answers::record::Role;
 use node_firmware::{
     facts::{Fact, FactKey, KeptSighting},
     limits::SIGHTINGS,
 };
 use rand::RngExt;
+use results::record::Role;
 use site::{Action, ScriptedEvent};
-use virtual_bench::random::Root;
+use virtual_hardware::random::Root;
 
 use super::*;
 

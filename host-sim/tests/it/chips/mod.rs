@@ -12,12 +12,12 @@ use std::{
 };
 
 use crate::small::{SMALL, check_arithmetic};
-use answers::record::{
+use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Simulation};
+use node_firmware::facts::Fact;
+use results::record::{
     Role, RunRecord,
     event::{Event, What},
 };
-use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Simulation};
-use node_firmware::facts::Fact;
 use site::{Overrides, Scenario};
 
 /// Two more power cuts in the small network: in the middle of the writes to flash when a node joins.

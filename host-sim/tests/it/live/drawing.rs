@@ -73,7 +73,7 @@ fn a_run_becomes_a_small_picture_that_moves() {
     let cameras = || record.cameras().filter(|camera| camera.network == network);
     // And the target.
     assert_eq!(named("circle").count(), cameras().count() + 1);
-    let is_found = |camera: &&answers::record::Node| {
+    let is_found = |camera: &&results::record::Node| {
         camera.status == Some(calib_core::Status::Calibrated) && camera.calibrated_seconds.is_some()
     };
     assert_eq!(named("ellipse").count(), cameras().filter(is_found).count());

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path, process::Stdio};
 
-use answers::record::event::{self, Event, What};
+use results::record::event::{self, Event, What};
 use serde_json::json;
 use tempfile::TempDir;
 

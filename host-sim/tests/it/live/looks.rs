@@ -8,11 +8,11 @@ use std::{
     process::Stdio,
 };
 
-use answers::record::{
+use fantoccini::wd::WebDriverCompatibleCommand;
+use results::record::{
     RunRecord,
     event::{self, Event},
 };
-use fantoccini::wd::WebDriverCompatibleCommand;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -82,7 +82,7 @@ impl Browser {
 /// Checks that map, table and banner agree with the record.
 pub(super) async fn shows(browser: &Browser, record: &RunRecord) {
     let shown = browser.shown().await;
-    let nodes: Vec<answers::record::Node> =
+    let nodes: Vec<results::record::Node> =
         serde_json::from_value(shown["record"]["nodes"].clone()).unwrap();
     assert_eq!(nodes, record.nodes);
     let table = "return [...document.querySelectorAll('#checklist tr[data-camera]')]

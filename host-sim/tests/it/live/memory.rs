@@ -7,7 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use answers::record::event::{self, What};
+use results::record::event::{self, What};
 use tempfile::TempDir;
 
 use super::browser::{Browser, host_sim};

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use answers::record::{
+use results::record::{
     event::{self, Event, What},
     verdict::Verdict,
 };

@@ -1,9 +1,9 @@
 //! A page with very many cameras, whose view zooms and moves about.
 
-use answers::record::{Estimate, RunRecord, event};
 use calib_core::{Pose, Status};
 use host_sim::network::{Options, Simulation};
 use nalgebra::{Matrix3, Point2};
+use results::record::{Estimate, RunRecord, event};
 use site::{Overrides, Scenario};
 
 /// Zooms and moves on before each frame. Tells for each the time of its scripts, the number of paths that they

@@ -4,7 +4,7 @@
 mod co_processor;
 mod node;
 #[expect(dead_code, reason = "its own tests use more of it")]
-#[path = "../../../../spinel-radio/tests/it/peer/mod.rs"]
+#[path = "../../../../libraries/spinel-radio/tests/it/peer/mod.rs"]
 mod peer;
 mod port;
 #[path = "../../../../zigbee-link/tests/it/support/mod.rs"]

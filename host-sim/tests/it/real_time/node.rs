@@ -26,7 +26,7 @@ use node_firmware::{
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use virtual_bench::flash::{Flash, PAGE};
+use virtual_hardware::flash::{Flash, PAGE};
 
 use super::peer::{Rcp, StdClock};
 

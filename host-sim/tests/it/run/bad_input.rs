@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use answers::record::RunRecord;
+use results::record::RunRecord;
 
 use super::sample::Sample;
 use crate::common::{Files, run};
@@ -129,7 +129,7 @@ fn options_out_of_their_range() {
 #[test]
 fn files_that_are_no_scenarios() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     for (content, expected) in [
         (&b""[..], "missing field `name`"),
         (&lab.as_bytes()[..lab.len() / 2], "bad.toml: "),
@@ -214,7 +214,7 @@ fn a_dash_is_no_name_for_a_result() {
 #[test]
 fn a_scenario_that_cannot_be_put_up_is_named() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let pillar = "[[world.obstacle]]\npillar = { x = 0.0, y = 0.0, radius = 1.0 }\n";
     let impossible = files.write("impossible.toml", &format!("{lab}{pillar}"));
     let start = format!("host-sim: {impossible}: ");
@@ -232,7 +232,7 @@ fn a_scenario_that_cannot_be_put_up_is_named() {
 #[test]
 fn stops_that_the_references_cannot_share_have_all_causes_named() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let wall = "[[world.obstacle]]\nwall = [[-3.0, 1.0], [17.0, 1.0]]\n";
     let file = files.write("walled.toml", &format!("{lab}{wall}"));
     let message = refused(&["run", &file], "no stops can be planned for network 1");
@@ -253,7 +253,7 @@ fn stops_that_the_references_cannot_share_have_all_causes_named() {
 #[test]
 fn names_with_control_characters() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     for (field, value) in [("name", "a\\u001b[31mb"), ("unit", "m\\u0000")] {
         let mut text = String::new();
         for line in lab.lines() {
@@ -314,7 +314,7 @@ fn results_that_cannot_be_written_are_found_before_the_run() {
         assert!(!fs::exists(&log).unwrap(), "{option} {path}");
     }
     // A camera within an obstacle: only the world shows this.
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let pillar = "[[world.obstacle]]\npillar = { x = 0.0, y = 0.0, radius = 1.0 }\n";
     let impossible = files.write("impossible.toml", &format!("{lab}{pillar}"));
     refused(
@@ -393,7 +393,7 @@ fn results_that_would_replace_or_block_one_another() {
 #[cfg(unix)]
 fn a_site_that_is_edited_stays_as_it_was() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let site = files.write("site.toml", lab);
     std::os::unix::fs::symlink("site.toml", files.path("link")).unwrap();
     let replaced = "is read, and would be replaced by a result";
@@ -438,7 +438,7 @@ fn cameras_that_scatter_out_of_the_world() {
 #[test]
 fn a_network_that_has_its_frame_from_none_and_a_number_in_quotes() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let camera = [101, 102, 103].map(|id| format!("{{ id = {id}, x = 0.0, y = 0.0 }}"));
     let camera = format!("camera = [{}]", camera.join(", "));
     let network = format!(
@@ -474,7 +474,7 @@ fn a_file_without_an_end_is_not_read() {
 #[test]
 fn events_that_come_too_late_are_told() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let event = "[[event]]\nat_s = 90000.0\naction.restart = { node = 3 }\n";
     let site = files.write("late.toml", &format!("{lab}\n{event}"));
     let done = run(&["run", &site]);

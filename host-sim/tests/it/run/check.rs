@@ -1,6 +1,6 @@
 //! Two runs against each other.
 
-use answers::record::difference::{CompareError, Difference};
+use results::record::difference::{CompareError, Difference};
 
 use super::sample::Sample;
 

@@ -1,14 +1,14 @@
 //! Checks of poses, and advice where poses are not checked.
 
-use answers::record::{
+use calib_core::Status;
+use results::record::{
     Protection, RunRecord,
     verdict::{Common, NextStop, Trouble, Verdict, Weakness, check_words},
 };
-use answers::{
+use results::{
     export::{self, Frame},
     report::run::run_report,
 };
-use calib_core::Status;
 
 use super::sample::{self, Sample};
 

@@ -1,8 +1,8 @@
 //! Drawings: well-formed, complete, and possible for odd runs too.
 
-use answers::plot;
-use answers::record::{RunRecord, summary::Summary, sweep::Sweep};
 use calib_core::Status;
+use results::plot;
+use results::record::{RunRecord, summary::Summary, sweep::Sweep};
 use roxmltree::Document;
 
 use super::sample::Sample;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use answers::export::{self, Frame};
-use answers::record::RunRecord;
+use results::export::{self, Frame};
+use results::record::RunRecord;
 use serde::Deserialize;
 
 use super::sample::Sample;
@@ -14,7 +14,7 @@ fn sample() -> RunRecord {
         ..Sample::default()
     }
     .run();
-    record.unit = answers::record::Unit {
+    record.unit = results::record::Unit {
         name: "in".to_owned(),
         metres: 0.0254,
     };

@@ -1,13 +1,13 @@
 //! A carrier that walks on to the stops that the verdict asks for.
 
-use answers::{
+use host_sim::network::{Options, Simulation};
+use results::{
     network,
     record::{
         RunRecord,
         verdict::{Common, Trouble, Verdict, Weakness},
     },
 };
-use host_sim::network::{Options, Simulation};
 use site::{Overrides, Scenario};
 
 use crate::common::{Files, run};

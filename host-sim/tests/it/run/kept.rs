@@ -11,7 +11,7 @@ use std::{
     thread,
 };
 
-use answers::record::RunRecord;
+use results::record::RunRecord;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::sample::Sample;
@@ -35,7 +35,7 @@ fn keeps(arguments: &[&str], files: &[&str]) {
 #[test]
 fn no_result_replaces_what_is_read() {
     let files = Files::new();
-    let lab = include_str!("../../../../site/scenarios/lab.toml");
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let scenario = files.write("s.toml", lab);
     let record = Sample::default().run().to_json(false).unwrap();
     let record = files.write("run.json", &record);

@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use answers::export::{self, Frame};
-use answers::plot;
-use answers::record::{
+use calib_core::{Status, angle};
+use nalgebra::{Point2, Vector2};
+use results::export::{self, Frame};
+use results::plot;
+use results::record::{
     Network, Place, RunRecord, Stop,
     summary::Summary,
     verdict::{InView, Trouble, Verdict},
 };
-use answers::report::run::run_report;
-use calib_core::{Status, angle};
-use nalgebra::{Point2, Vector2};
+use results::report::run::run_report;
 use roxmltree::Document;
 
 use super::sample::{self, FIRST, Sample};

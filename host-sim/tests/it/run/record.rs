@@ -1,14 +1,14 @@
 //! The record itself, its JSON, and its statistics.
 
-use answers::record::{
+use calib_core::{Pose, Ray, Sighting, Status, resection};
+use nalgebra::{Matrix3, Point2};
+use results::record::{
     Believed, Estimate, FORMAT, Failure, Limits, Node, Place, Radio, RecordError, Role, RunRecord,
     Stop, Target, Unit, View,
     published::{Published, exchange},
     sightings::{Bearing, Carrier, Leg, References, Sightings},
     summary::{Errors, Summary},
 };
-use calib_core::{Pose, Ray, Sighting, Status, resection};
-use nalgebra::{Matrix3, Point2};
 
 use super::sample::{FIRST, Sample};
 
@@ -34,7 +34,7 @@ fn tiny() -> RunRecord {
         sigma_heading_deg: 2.0,
         covariance: [0.25, 0.0, 0.125, 0.0625, 0.0, 4.0],
     });
-    camera.error = Some(answers::record::PoseError {
+    camera.error = Some(results::record::PoseError {
         x: 0.5,
         y: -0.25,
         heading_deg: 1.0,
@@ -44,7 +44,7 @@ fn tiny() -> RunRecord {
     (camera.used, camera.chi_squared, camera.done) = (1, Some(0.25), true);
     (camera.heard_seconds, camera.address) = (Some(96.5), Some(2));
     camera.sightings = 1;
-    camera.residuals = vec![answers::record::Residual {
+    camera.residuals = vec![results::record::Residual {
         target: 20,
         stop: 0,
         bearing_deg: -12.5,
@@ -260,9 +260,9 @@ fn the_statistics_are_those_of_the_thesis() {
         let errors: Vec<_> = thesis
             .nodes
             .iter()
-            .map(answers::record::published::PublishedNode::error)
+            .map(results::record::published::PublishedNode::error)
             .collect();
-        let of = |get: fn(&answers::record::PoseError) -> f64| {
+        let of = |get: fn(&results::record::PoseError) -> f64| {
             let values: Vec<f64> = errors.iter().map(get).collect();
             Errors::of(&values).unwrap()
         };

@@ -1,14 +1,14 @@
 //! Printed reports, and advice.
 
-use answers::export::{self, Frame};
-use answers::record::{
+use calib_core::{Ray, Sighting, Status, camera::Projection, resection};
+use nalgebra::Point2;
+use results::export::{self, Frame};
+use results::record::{
     Failure, Node, RunRecord, Tracking,
     summary::Summary,
     verdict::{Common, Finding, InView, Trouble, Verdict},
 };
-use answers::report::run::{run_report, runs_report};
-use calib_core::{Ray, Sighting, Status, camera::Projection, resection};
-use nalgebra::Point2;
+use results::report::run::{run_report, runs_report};
 
 use super::sample::{self, Sample};
 use crate::common::{Files, run};

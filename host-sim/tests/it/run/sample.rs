@@ -1,10 +1,6 @@
 //! Possible runs: the thesis's cameras see the target through whole-pixel columns,
 //! and their poses are solved from that.
 
-use answers::record::{
-    Believed, FORMAT, Limits, Network, Node, Place, Protection, Radio, Role, RunRecord, Stop,
-    Target, Unit, View, published::Published, summary::Summary,
-};
 use calib_core::{
     Pose, Ray, Refusal, Sighting, Status,
     camera::{Camera, Projection},
@@ -12,6 +8,10 @@ use calib_core::{
 };
 use nalgebra::{Matrix3, Point2};
 use rand::RngExt;
+use results::record::{
+    Believed, FORMAT, Limits, Network, Node, Place, Protection, Radio, Role, RunRecord, Stop,
+    Target, Unit, View, published::Published, summary::Summary,
+};
 use test_support::{Random, generator, normal};
 
 /// Place of a camera of Table 4.1, and its heading in degrees.

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use answers::record::sweep::{Group, Quantity, Sweep, SweepReport};
-use answers::report::sweep::sweep_report;
+use results::record::sweep::{Group, Quantity, Sweep, SweepReport};
+use results::report::sweep::sweep_report;
 
 use super::sample::Sample;
 
@@ -56,7 +56,7 @@ fn shares_within_sigmas_are_about_what_is_foretold() {
         let row = report.find(Group::Cameras, quantity).unwrap();
         assert_eq!(row.calibrated, 660);
         let shares = [row.within_1, row.within_2, row.within_3].map(Option::unwrap);
-        for (share, foretold) in shares.iter().zip(answers::accuracy::GAUSSIAN) {
+        for (share, foretold) in shares.iter().zip(results::accuracy::GAUSSIAN) {
             assert!((share - foretold).abs() < 0.08, "{quantity:?} {shares:?}");
         }
     }

@@ -60,7 +60,10 @@ fn examples() -> [(&'static str, Vec<u8>); 4] {
 /// Fuzzing starts from these: of an older version they would lead nowhere. `UPDATE=1` writes them anew.
 #[test]
 fn the_corpus_for_fuzzing_is_of_this_version() {
-    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus/config_page");
+    let corpus = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/fuzz/corpus/config_page"
+    );
     for (name, page) in examples() {
         let path = format!("{corpus}/{name}");
         // The target puts the checksum there itself.

@@ -27,7 +27,7 @@ use node_firmware::{
     message::{CameraCommand, Duty, MemberKind, Message, Restart, Sight},
     run::{Devices, run},
 };
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Ended, Executor, TaskId, Time},
     line::{Line, Port, PortError, Side, Uart},
     medium::{Event, Medium, NRF52840, NodeId, Propagation, Radio},

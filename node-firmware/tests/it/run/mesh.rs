@@ -23,7 +23,7 @@ use node_firmware::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Time},
     line::Side,
 };

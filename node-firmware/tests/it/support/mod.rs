@@ -6,7 +6,7 @@
 )]
 
 pub mod bus;
-#[path = "../../../../flash-log/tests/it/support/mod.rs"]
+#[path = "../../../../libraries/flash-log/tests/it/support/mod.rs"]
 pub mod flash;
 pub mod net;
 pub mod site;

@@ -6,6 +6,6 @@
 )]
 
 pub mod aether;
-#[path = "../../../../flash-log/tests/it/support/mod.rs"]
+#[path = "../../../../libraries/flash-log/tests/it/support/mod.rs"]
 pub mod flash;
 pub mod node;

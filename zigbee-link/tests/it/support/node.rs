@@ -1,7 +1,7 @@
 //! Parts of a whole node.
 
 use embassy_futures::block_on;
-use virtual_bench::{
+use virtual_hardware::{
     executor::Clock,
     medium::{Medium, NRF52840, NodeId, Propagation, Radio},
 };

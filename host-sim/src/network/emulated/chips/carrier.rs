@@ -14,7 +14,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use calib_core::{angle::wrap_signed, dead_reckoning::Step};
-use virtual_bench::executor::Time;
+use virtual_hardware::executor::Time;
 
 use super::outside::Motion;
 

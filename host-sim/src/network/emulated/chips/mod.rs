@@ -49,7 +49,7 @@ use node_firmware::{
     limits::CONSOLE_BAUD,
 };
 use rand::{Rng, RngExt};
-use virtual_bench::{
+use virtual_hardware::{
     executor::{Clock, Outside, Time},
     medium::{Arrival, Medium, Reason},
 };
@@ -526,7 +526,7 @@ pub(in crate::network) struct Board {
     /// Number of times that it stood still and duration of the last time; and tasks that wait for the next one.
     stood: Cell<(u64, Time)>,
     waiting: RefCell<Vec<Waker>>,
-    antenna: Cell<Option<virtual_bench::medium::NodeId>>,
+    antenna: Cell<Option<virtual_hardware::medium::NodeId>>,
     end: RefCell<End>,
     /// Its flash has changed since the last look.
     has_changed: Cell<bool>,

@@ -1,0 +1,205 @@
+//! The project's chores: `cargo xtask --help`.
+
+use std::{
+    env,
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+use xshell::{Shell, cmd};
+
+mod built;
+mod chip;
+mod cortex_m;
+mod documented;
+mod elf;
+mod firmware;
+mod fuzz;
+mod harness;
+mod peers;
+mod qemu;
+mod scale;
+mod setup;
+mod size;
+mod test;
+mod usage;
+mod words;
+
+/// The project's chores.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    Test(test::Test),
+    /// Every figure of the README again, with its goal
+    Bench {
+        /// Passed to the bench of accuracy, for example `recorded`; or `chip`: the emulated nRF52840's; or `live`: what
+        /// the page takes, in a browser
+        topics: Vec<String>,
+    },
+    /// Random sites on which everything goes wrong, and what must hold all the same
+    Campaign {
+        /// Passed on: `-- --help` tells which there are
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
+    /// Instructions of the node's routines on emulated processors
+    CortexM,
+    /// Instructions of short runs of `host-sim`, which must be those of `tools/bench/scale.json`; `UPDATE_SCALE=1` writes
+    /// them down
+    Scale,
+    /// Flash and RAM of the link on a Cortex-M4F
+    Size {
+        /// Names as many of the largest functions of each image
+        #[arg(long, default_value_t = 0)]
+        largest: usize,
+    },
+    /// Images for all boards, to target/firmware, with what they take
+    Firmware {
+        /// Only of these boards
+        boards: Vec<String>,
+    },
+    /// Tests against programs of other projects, which are built from source first
+    Peers,
+    /// Fuzzes what reads bytes and files, guided by coverage
+    ///
+    /// `cargo xtask fuzz --runs 10000000` is the long form, a target at a time if its name is given.
+    Fuzz {
+        /// Targets; all by default
+        targets: Vec<String>,
+        /// Inputs to try for each
+        #[arg(long, default_value_t = 10 * fuzz::BRIEF)]
+        runs: u32,
+    },
+}
+
+fn main() -> ExitCode {
+    // A copy of this program under another name is the linker, or the wrapper of the compiler.
+    let program = env::current_exe().unwrap_or_default();
+    let done = match (
+        program.file_stem().and_then(OsStr::to_str),
+        env::var_os(firmware::LINK_IN),
+        env::var_os(usage::COUNT_IN),
+    ) {
+        (Some(firmware::LINKER), Some(folder), _) => firmware::link(&folder),
+        (Some(usage::WRAPPER), _, Some(counter)) => usage::compile(Path::new(&counter)),
+        _ => run(Arguments::parse().chore),
+    };
+    done.unwrap_or_else(|error| {
+        complain(&error);
+        ExitCode::FAILURE
+    })
+}
+
+/// Path of a copy of this program that does something else by this name.
+fn tool(sh: &Shell, name: &str) -> PathBuf {
+    let name = format!("target/tools/{name}{}", env::consts::EXE_SUFFIX);
+    sh.current_dir().join(name)
+}
+
+/// Copies this program to a path, and replaces the file there at once: another run may use it just now.
+fn copy_of_this(path: &Path) -> anyhow::Result<()> {
+    let folder = path.parent().context("a program is in a folder")?;
+    fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let copy = path.with_extension(std::process::id().to_string());
+    fs::copy(env::current_exe()?, &copy)
+        .and_then(|_| fs::rename(&copy, path))
+        .with_context(|| format!("{} cannot be written", path.display()))
+}
+
+/// Prints an error and its causes. The place in this program where it arose is of no help, even if
+/// `RUST_BACKTRACE` is set.
+fn complain(error: &anyhow::Error) {
+    eprintln!("Error: {error}");
+    for cause in error.chain().skip(1) {
+        eprintln!("  caused by: {cause}");
+    }
+}
+
+fn run(chore: Chore) -> anyhow::Result<ExitCode> {
+    let sh = Shell::new()?;
+    // Whole, because it is shown.
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .and_then(Path::parent);
+    sh.change_dir(root.context("xtask is in the workspace's folder")?);
+    if let Chore::Test(_) | Chore::Firmware { .. } | Chore::Bench { .. } = chore {
+        firmware::prepare_linker(&sh)?;
+    }
+    let done = match chore {
+        Chore::Test(test) => return Ok(test.run(&sh)),
+        Chore::Bench { topics } if topics == ["chip"] => chip::bench(&sh),
+        Chore::Bench { topics } if topics == ["live"] => bench_page(&sh),
+        Chore::Bench { topics } => {
+            let all = topics.is_empty();
+            cmd!(
+                sh,
+                "cargo run --locked --release --package bench -- {topics...}"
+            )
+            .run()?;
+            if all {
+                count_instructions(&sh)?;
+                measure_size(&sh, 0)?;
+                bench_page(&sh)?;
+                cmd!(
+                    sh,
+                    "cargo run --locked --release --package cmucam2-driver --example soak"
+                )
+                .run()?;
+            }
+            Ok(())
+        }
+        Chore::Campaign { arguments } => cmd!(
+            sh,
+            "cargo run --locked --release --package campaign -- {arguments...}"
+        )
+        .run()
+        .map_err(Into::into),
+        Chore::CortexM => count_instructions(&sh),
+        Chore::Scale => {
+            setup::packages(&sh)?;
+            scale::run(&sh)
+        }
+        Chore::Size { largest } => measure_size(&sh, largest),
+        Chore::Firmware { boards } => firmware::run(&sh, &boards),
+        Chore::Peers => {
+            setup::packages(&sh)?;
+            peers::run(&sh)
+        }
+        Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, |_| runs, None),
+    };
+    done.map(|()| ExitCode::SUCCESS)
+}
+
+fn bench_page(sh: &Shell) -> anyhow::Result<()> {
+    setup::packages(sh)?;
+    cmd!(sh, "cargo bench --locked --package host-sim --bench live").run()?;
+    Ok(())
+}
+
+fn count_instructions(sh: &Shell) -> anyhow::Result<()> {
+    setup::targets(sh)?;
+    setup::packages(sh)?;
+    let measurements = cortex_m::run(sh)?;
+    println!("{}", cortex_m::table(&measurements));
+    cortex_m::within_budget(&measurements)
+}
+
+fn measure_size(sh: &Shell, largest: usize) -> anyhow::Result<()> {
+    setup::targets(sh)?;
+    let measurements = size::run(sh)?;
+    println!("{}", size::table(&measurements));
+    if largest > 0 {
+        println!("{}", size::largest(&measurements, largest)?);
+    }
+    size::within_budget(&measurements)
+}

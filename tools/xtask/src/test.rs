@@ -1,0 +1,475 @@
+//! `cargo xtask test`: all that must hold before a change lands. CI runs this and nothing else.
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::builder::PossibleValuesParser;
+use xshell::{Shell, cmd};
+
+use crate::{
+    chip, cortex_m, firmware, fuzz, harness, peers, scale, setup, size,
+    usage::{self, Meter, Usage},
+    words,
+};
+
+/// Everything that must hold, stage by stage
+///
+/// Installs what is missing where that is allowed, and stops at the first stage that fails. Of each
+/// program that is missing and cannot be installed it says what to type; in CI that is an error, and
+/// elsewhere the stages that need it are left out and named in the summary. A table tells what each stage
+/// took. The last line counts: `12 passed, 0 failed`.
+#[derive(clap::Args)]
+pub(crate) struct Test {
+    /// Only this stage; may be given several times
+    #[arg(long = "stage", value_name = "NAME", value_parser = PossibleValuesParser::new(STAGES.map(|stage| stage.name)))]
+    stages: Vec<String>,
+    /// Also the stages of the night, and the long form of tests that have one
+    #[arg(long)]
+    all: bool,
+}
+
+/// Variable that tells tests to take their long form.
+const LONG: &str = "XTASK_ALL";
+
+/// Compilation units of a run that begins with nothing built. CI fails with 5 % more: a dependency, a profile or a
+/// set of features that is new costs every developer time.
+const UNITS: usize = 2_546;
+
+/// Libraries that run on a node.
+const FIRMWARE_CRATES: [&str; 8] = [
+    "calib-core",
+    "cmucam2-driver",
+    "flash-log",
+    "node-firmware",
+    "pedestrian",
+    "pixy2-driver",
+    "spinel-radio",
+    "zigbee-link",
+];
+
+/// Programs for bare processors, of which little compiles for this computer.
+const BARE_CRATES: [&str; 2] = ["bench-cortex-m", "memory-functions"];
+
+#[derive(Clone, Copy)]
+struct Stage {
+    name: &'static str,
+    what: &'static str,
+    /// Installs what it needs and not every machine has.
+    needs: fn(&Shell) -> Result<()>,
+    run: fn(&Shell) -> Result<()>,
+    /// Runs only with `--all`, or where it is named.
+    nightly: bool,
+}
+
+const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result<()>) -> Stage {
+    Stage {
+        name,
+        what,
+        needs: nothing,
+        run,
+        nightly: false,
+    }
+}
+
+impl Stage {
+    const fn needs(self, needs: fn(&Shell) -> Result<()>) -> Self {
+        Self { needs, ..self }
+    }
+
+    const fn nightly(self) -> Self {
+        Self {
+            nightly: true,
+            ..self
+        }
+    }
+}
+
+const STAGES: [Stage; 17] = [
+    stage(
+        "set-up",
+        "tools that the others need, and a lock file that fits",
+        set_up,
+    ),
+    stage(
+        "format",
+        "code as rustfmt writes it, and plain words in comments and pages",
+        format,
+    ),
+    stage("lint", "clippy, for this computer and for the boards", lint),
+    stage(
+        "test",
+        "all tests that need nothing else",
+        harness::workspace,
+    ),
+    stage(
+        "peers",
+        "tests against programs of other projects",
+        peers::run,
+    )
+    .needs(setup::packages),
+    stage(
+        "firmware",
+        "images of the boards, their sizes, and where they may panic",
+        |sh| firmware::run(sh, &[]),
+    )
+    .needs(setup::linker),
+    stage(
+        "chip",
+        "the image that is flashed, on an emulated nRF52840",
+        chip::run,
+    )
+    .needs(packages_and_linker),
+    stage("document", "documentation without a warning", document),
+    stage("count", "instructions on emulated processors", count).needs(setup::packages),
+    stage("size", "flash and RAM of the link", measure),
+    stage(
+        "scale",
+        "instructions of short runs of host-sim",
+        scale::run,
+    )
+    .needs(setup::packages),
+    stage(
+        "bench",
+        "figures of the README that are quickly computed",
+        bench,
+    ),
+    stage(
+        "campaign",
+        "random sites with faults of all kinds",
+        campaign,
+    ),
+    stage(
+        "bare",
+        "each library with and without its features, on two processors",
+        bare,
+    )
+    .nightly(),
+    stage("browsers", "the page in Firefox", peers::firefox)
+        .needs(setup::firefox)
+        .nightly(),
+    stage("fuzz", "fuzz targets, guided by coverage", fuzz::briefly).nightly(),
+    stage("soak", "long runs: parsers, power cuts, campaign", soak)
+        .needs(packages_and_linker)
+        .nightly(),
+];
+
+impl Test {
+    pub(crate) fn run(&self, sh: &Shell) -> ExitCode {
+        let is_chosen = |stage: &Stage| {
+            if self.stages.is_empty() {
+                self.all || !stage.nightly
+            } else {
+                self.stages.iter().any(|name| name == stage.name)
+            }
+        };
+        let chosen: Vec<_> = STAGES.into_iter().filter(is_chosen).collect();
+        let _long = self.all.then(|| sh.push_env(LONG, "1"));
+        let is_cold = harness::is_cold(sh);
+        let _counting = usage::count_units(sh).unwrap_or_else(|error| {
+            crate::complain(&error.context("compilation units are not counted"));
+            None
+        });
+        let (mut count, units) = run(sh, &chosen, setup::is_ci());
+        // The figure is that of all stages of every day.
+        let is_whole = count.passed == chosen.len() && self.stages.is_empty() && !self.all;
+        if is_whole
+            && is_cold
+            && let Err(error) = compare_units(units)
+        {
+            crate::complain(&error);
+            count.failed += usize::from(setup::is_ci());
+        }
+        if count.passed == chosen.len() && count.failed == 0 && self.stages.is_empty() {
+            eprintln!("all {} stages passed", chosen.len());
+        }
+        eprintln!("{}", count.line());
+        if count.failed == 0 {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Compares the compilation units of a whole run with the figure that is known.
+fn compare_units(units: usize) -> Result<()> {
+    ensure!(
+        units <= UNITS + UNITS / 20,
+        "{units} compilation units, where {UNITS} are known: `cargo tree --duplicates` and the profiles tell \
+         what is new. If it is worth its time, change UNITS in tools/xtask/src/test.rs"
+    );
+    if units < UNITS - UNITS / 20 {
+        eprintln!(
+            "{units} compilation units, where {UNITS} are known: lower UNITS in tools/xtask/src/test.rs"
+        );
+    }
+    Ok(())
+}
+
+/// Runs stages until one fails, and prints the time that each took. Returns the compilation units of all.
+fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
+    let whole = Meter::start(sh);
+    let mut summary = format!("{:>7} {:>9} {:>6}\n", "wall", "processor", "units");
+    let mut count = Count::default();
+    let mut failure = None;
+    for stage in stages {
+        eprintln!("\n==> {}: {}", stage.name, stage.what);
+        let meter = Meter::start(sh);
+        let outcome = match left_out(stage, sh, is_ci) {
+            Ok(None) => (stage.run)(sh).map(|()| None),
+            missing => missing,
+        };
+        let said = match outcome {
+            Ok(None) => {
+                count.passed += 1;
+                String::new()
+            }
+            Ok(Some(why)) => {
+                count.left_out += 1;
+                format!(": LEFT OUT: {why}")
+            }
+            Err(error) => {
+                count.failed += 1;
+                failure = Some(error.context(format!("stage `{}`", stage.name)));
+                ": FAILED".to_owned()
+            }
+        };
+        let row = row(&meter, &format!("{}{said}", stage.name)).0;
+        eprint!("==>{row}");
+        summary += &row;
+        if failure.is_some() {
+            break;
+        }
+    }
+    count.not_run = stages.len() - count.passed - count.failed - count.left_out;
+    let (row, units) = row(&whole, "in all");
+    eprintln!("\n{summary}{row}");
+    if let Some(error) = failure {
+        crate::complain(&error);
+    }
+    (count, units)
+}
+
+/// A row of the table of stages, and its compilation units.
+fn row(meter: &Result<Meter>, what: &str) -> (String, usize) {
+    let usage = match meter {
+        Ok(meter) => meter.read().unwrap_or_default(),
+        Err(_) => Usage::default(),
+    };
+    let Usage {
+        wall,
+        processor,
+        units,
+    } = usage;
+    let (wall, processor) = (wall.as_secs_f64(), processor.as_secs_f64());
+    let row = format!("{wall:5.0} s {processor:7.0} s {units:6}  {what}\n");
+    (row, units)
+}
+
+/// Number of stages that came to each end.
+#[derive(Debug, Default, PartialEq)]
+struct Count {
+    passed: usize,
+    failed: usize,
+    left_out: usize,
+    not_run: usize,
+}
+
+impl Count {
+    fn line(&self) -> String {
+        let mut line = format!("{} passed, {} failed", self.passed, self.failed);
+        for (count, what) in [(self.left_out, "left out"), (self.not_run, "not run")] {
+            if count > 0 {
+                line += &format!(", {count} {what}");
+            }
+        }
+        line
+    }
+}
+
+/// Program that a stage lacks: the one rule for leaving stages out.
+fn left_out(stage: &Stage, sh: &Shell, is_ci: bool) -> Result<Option<String>> {
+    match (stage.needs)(sh) {
+        Ok(()) => Ok(None),
+        Err(error) if is_ci => Err(error),
+        Err(error) => Ok(Some(format!("{error:#}"))),
+    }
+}
+
+fn nothing(_: &Shell) -> Result<()> {
+    Ok(())
+}
+
+fn packages_and_linker(sh: &Shell) -> Result<()> {
+    setup::packages(sh)?;
+    setup::linker(sh)
+}
+
+/// Installs the tools of later stages, so that it is told at once if one cannot be installed. Sources and tools
+/// that are built are fetched where they are needed.
+fn set_up(sh: &Shell) -> Result<()> {
+    setup::locked(sh)?;
+    setup::targets(sh)?;
+    for stage in &STAGES {
+        if let Some(why) = left_out(stage, sh, setup::is_ci())? {
+            eprintln!("{} will be left out: {why}", stage.name);
+        }
+    }
+    Ok(())
+}
+
+fn format(sh: &Shell) -> Result<()> {
+    cmd!(sh, "cargo fmt --all --check")
+        .run()
+        .context("type `cargo fmt --all`")?;
+    words::check(sh)
+}
+
+fn lint(sh: &Shell) -> Result<()> {
+    cmd!(
+        sh,
+        "cargo clippy --locked --workspace --all-targets --all-features -- --deny warnings"
+    )
+    .run()?;
+    // Only where the code is another one than on this computer. One by one: together they would be built
+    // with each other's features.
+    let bare = BARE_CRATES.map(|name| ["--package", name]).concat();
+    let boards = firmware::packages().map(|board| vec!["--package", board]);
+    for packages in boards.chain([bare]) {
+        cmd!(
+            sh,
+            "cargo clippy --locked {packages...} --bins --target thumbv7em-none-eabihf -- --deny warnings"
+        )
+        .run()?;
+    }
+    Ok(())
+}
+
+/// Nothing is linked here, so that checking is enough.
+fn bare(sh: &Shell) -> Result<()> {
+    for target in setup::TARGETS {
+        for package in FIRMWARE_CRATES {
+            for features in ["--no-default-features", "--all-features"] {
+                cmd!(
+                    sh,
+                    "cargo clippy --locked --package {package} --target {target} {features} -- --deny warnings"
+                )
+                .run()?;
+            }
+        }
+        cmd!(
+            sh,
+            "cargo clippy --locked --package bench-cortex-m --package bench-size --target {target} -- --deny warnings"
+        )
+        .run()?;
+    }
+    Ok(())
+}
+
+/// Runs that take minutes and find what short ones cannot.
+fn soak(sh: &Shell) -> Result<()> {
+    cmd!(
+        sh,
+        "cargo run --locked --release --package cmucam2-driver --example soak"
+    )
+    .run()?;
+    cmd!(
+        sh,
+        "cargo run --locked --release --package campaign -- --runs 1000 --minimise 0 --deceiving 0.02 --late 0.15"
+    )
+    .run()?;
+    chip::bench(sh)
+}
+
+fn document(sh: &Shell) -> Result<()> {
+    let _strict = sh.push_env("RUSTDOCFLAGS", "--deny warnings");
+    cmd!(
+        sh,
+        "cargo doc --locked --workspace --no-deps --all-features"
+    )
+    .run()?;
+    Ok(())
+}
+
+fn count(sh: &Shell) -> Result<()> {
+    let measurements = cortex_m::run(sh)?;
+    println!("{}", cortex_m::table(&measurements));
+    cortex_m::within_budget(&measurements)
+}
+
+fn measure(sh: &Shell) -> Result<()> {
+    let measurements = size::run(sh)?;
+    println!("{}", size::table(&measurements));
+    size::within_budget(&measurements)
+}
+
+/// Built as tests are, from parts that are built by then: to build all again for a release takes far longer than
+/// the time that it saves.
+fn bench(sh: &Shell) -> Result<()> {
+    let program = harness::program(sh, "bench")?;
+    cmd!(sh, "{program} brief").run()?;
+    Ok(())
+}
+
+/// About a minute. The goal is none of both shares; these are the values reached, so that no change makes it worse
+/// unseen.
+fn campaign(sh: &Shell) -> Result<()> {
+    let program = harness::program(sh, "campaign")?;
+    let reached = ["--deceiving", "0.02", "--late", "0.15"];
+    cmd!(sh, "{program} --runs 100 --minimise 0 {reached...}").run()?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::bail;
+
+    use super::*;
+
+    fn one(needs: fn(&Shell) -> Result<()>, run: fn(&Shell) -> Result<()>) -> Stage {
+        stage("one", "for a test", run).needs(needs)
+    }
+
+    fn fails(_: &Shell) -> Result<()> {
+        bail!("no")
+    }
+
+    fn never(_: &Shell) -> Result<()> {
+        panic!("this is not to run");
+    }
+
+    #[test]
+    fn stages_are_counted() {
+        let sh = Shell::new().unwrap();
+        let good = one(nothing, nothing);
+        for (stages, is_ci, line) in [
+            (vec![good, good], true, "2 passed, 0 failed"),
+            (
+                vec![good, one(nothing, fails), one(never, never)],
+                false,
+                "1 passed, 1 failed, 1 not run",
+            ),
+            (
+                vec![one(fails, never), good],
+                false,
+                "1 passed, 0 failed, 1 left out",
+            ),
+            // In CI nothing is left out.
+            (
+                vec![one(fails, never), good],
+                true,
+                "0 passed, 1 failed, 1 not run",
+            ),
+        ] {
+            assert_eq!(run(&sh, &stages, is_ci).0.line(), line);
+        }
+    }
+
+    #[test]
+    fn every_stage_has_a_name_of_its_own() {
+        for stage in &STAGES {
+            let same = STAGES.iter().filter(|other| other.name == stage.name);
+            assert_eq!(same.count(), 1, "{}", stage.name);
+        }
+    }
+}
