@@ -530,7 +530,9 @@ impl Run {
 
 #[cfg(test)]
 mod tests {
-    use std::{env, fs, process};
+    use std::fs;
+
+    use tempfile::{NamedTempFile, TempPath};
 
     use super::*;
     use crate::Network;
@@ -572,8 +574,8 @@ mod tests {
         [load(offset), 0x42a3, 0xd3fc]
     }
 
-    /// An image of a program; `fault` is where it goes on after a fault, in halves of a word.
-    fn image(name: &str, code: &[u16], fault: usize) -> PathBuf {
+    /// An image of a program, as long as it is kept; `fault` is where it goes on after a fault, in halves of a word.
+    fn image(code: &[u16], fault: usize) -> TempPath {
         const VECTORS: u32 = 64;
         let mut bytes: Vec<u8> = (0..VECTORS / 4)
             .map(|vector| match vector {
@@ -596,17 +598,17 @@ mod tests {
         ]
         .concat();
         let header = header.into_iter().flat_map(u32::to_le_bytes);
-        let image = env::temp_dir().join(format!("{name}-{}.elf", process::id()));
+        let image = NamedTempFile::new().unwrap().into_temp_path();
         fs::write(&image, header.chain(bytes).collect::<Vec<_>>()).unwrap();
         image
     }
 
     /// Runs a program, for so long. Returns the times when it changed its pins, and its outcome.
-    fn run(name: &str, code: &[u16], fault: usize, time: u64) -> (Vec<u64>, Outcome) {
-        let image = image(name, code, fault);
+    fn run(code: &[u16], fault: usize, time: u64) -> (Vec<u64>, Outcome) {
+        let image = image(code, fault);
         let mut network = Network::default();
         let node = Node {
-            image: image.clone(),
+            image: image.to_path_buf(),
             ..Node::default()
         };
         network.switch_on(0, node, 0);
@@ -620,7 +622,6 @@ mod tests {
                 }
             }
         }
-        fs::remove_file(image).unwrap();
         let outcome = network.switch_off(0).unwrap().unwrap();
         (changed, outcome)
     }
@@ -646,7 +647,7 @@ mod tests {
             &STAY,
         ]
         .concat();
-        let (changed, outcome) = run("busy", &code, 0, 100 * MS);
+        let (changed, outcome) = run(&code, 0, 100 * MS);
         // After the oscillator starts, 1,000 ticks of 32,768 Hz.
         let [at] = changed[..] else {
             panic!("{changed:?}");
@@ -702,7 +703,7 @@ mod tests {
             &STAY,
         ]
         .concat();
-        let (changed, outcome) = run("words", &code, 0, MS);
+        let (changed, outcome) = run(&code, 0, MS);
         let [first, second] = &outcome.operations[..] else {
             panic!("{:?}", outcome.operations);
         };
@@ -729,7 +730,7 @@ mod tests {
         ]
         .concat();
         let fault = code.len() - 1;
-        let (changed, outcome) = run("lockup", &code, fault, MS);
+        let (changed, outcome) = run(&code, fault, MS);
         assert_eq!(changed.len(), 1);
         assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
         assert_eq!(outcome.resets[0].by, "Lockup");
@@ -756,7 +757,7 @@ mod tests {
                 &STAY,
             ]
             .concat();
-            let (changed, outcome) = run("nowhere", &code, code.len() - 3, MS);
+            let (changed, outcome) = run(&code, code.len() - 3, MS);
             assert_eq!(changed.len(), usize::from(is_fault), "{address:x}");
             assert_eq!(outcome.unmapped.len(), usize::from(is_fault), "{address:x}");
         }
@@ -803,9 +804,9 @@ mod tests {
             &STAY,
         ]
         .concat();
-        let image = image("panics", &code, 0);
+        let image = image(&code, 0);
         let node = |peer: Option<u64>| Node {
-            image: image.clone(),
+            image: image.to_path_buf(),
             peer: peer.map(|at| Box::new(Panics(at)) as Box<dyn Peer>),
             ..Node::default()
         };
@@ -837,7 +838,6 @@ mod tests {
             let outcome = network.switch_off(number).unwrap().unwrap();
             assert!(outcome.instructions > 10, "{number}");
         }
-        fs::remove_file(image).unwrap();
     }
 
     /// After any error of a program, it restarts or stays where it is; what emulates it goes on.
@@ -882,7 +882,7 @@ mod tests {
         for (name, mut code) in programs {
             let fault = code.len();
             code.extend(STAY);
-            let (_, outcome) = run(name, &code, fault, 2 * MS);
+            let (_, outcome) = run(&code, fault, 2 * MS);
             // A breakpoint without a debugger stands still.
             assert!(outcome.powered > 0, "{name}");
         }
