@@ -1,6 +1,7 @@
 //! Tests as cargo runs them, and their number: where none ran, nothing has passed.
 
 use std::{
+    cmp::Reverse,
     io::{BufRead, BufReader, Write},
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -22,8 +23,21 @@ const WITHOUT_TESTS: [&str; 4] = [
     "nucleo-l476rg",
 ];
 
-/// The data that cargo keeps to build parts of a crate again costs time, and here everything is built.
-const INCREMENTAL: (&str, &str) = ("CARGO_INCREMENTAL", "0");
+/// Settings of every build of tests, always the same, so that nothing is built twice. Clippy compiles the workspace,
+/// which saves a second pass over it, and refuses what it warns of. Data to build parts of a crate again, and many
+/// parts of a crate side by side, cost processor time, and here everything is built.
+const BUILT_WITH: [(&str, &str); 4] = [
+    ("RUSTC_WORKSPACE_WRAPPER", "clippy-driver"),
+    (
+        "CLIPPY_ARGS",
+        "--deny__CLIPPY_HACKERY__warnings__CLIPPY_HACKERY__",
+    ),
+    ("CARGO_INCREMENTAL", "0"),
+    ("CARGO_PROFILE_DEV_CODEGEN_UNITS", "2"),
+];
+
+/// Threads of a test program for each processor: many tests wait for another process.
+const THREADS: usize = 3;
 
 /// Tests that need programs that a stage of their own builds first, and that are ignored elsewhere: those of one
 /// module of a package's integration tests.
@@ -99,7 +113,10 @@ struct Tests {
 /// One fails, a member has none, one is ignored that no other stage runs, or fewer ran than there are.
 pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     let members = members(sh)?;
-    let programs = programs(sh, &members, &[])?;
+    let mut programs = programs(sh, &members, &[])?;
+    // The longest first, so that none runs alone at the end.
+    programs.sort_by_key(|program| Reverse(program.tests.all));
+    let threads = THREADS * thread::available_parallelism()?.get();
     let names: Vec<_> = members.iter().map(|(name, _)| name.as_str()).collect();
     let tests: Vec<_> = programs.iter().map(|program| &program.tests).collect();
     complete(&names, &tests)?;
@@ -107,6 +124,7 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         let output = Command::new(&program.path)
             .current_dir(&program.folder)
             .env("CARGO_MANIFEST_DIR", &program.folder)
+            .env("RUST_TEST_THREADS", threads.to_string())
             .output()?;
         let said = String::from_utf8_lossy(&output.stdout);
         let Tests { package, suite, .. } = &program.tests;
@@ -120,10 +138,8 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         );
         all_ran(&program.tests, Counts::of(&said))
     })?;
-    let (examples, _) = run(cmd!(
-        sh,
-        "cargo test --locked --workspace --all-features --doc"
-    ))?;
+    let examples = cmd!(sh, "cargo test --locked --workspace --all-features --doc");
+    let (examples, _) = run(examples.envs(BUILT_WITH))?;
     ensure!(examples.passed > 0, "no example of the documentation ran");
     let ran: usize = tests
         .iter()
@@ -184,7 +200,7 @@ pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
         sh,
         "cargo build --locked --workspace --all-features --bin {name} --test {INTEGRATION} --message-format json-render-diagnostics"
     )
-    .env(INCREMENTAL.0, INCREMENTAL.1)
+    .envs(BUILT_WITH)
     .read()?;
     built::program(&messages, name)
 }
@@ -306,7 +322,7 @@ fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Resul
         sh,
         "cargo test --locked --workspace --all-features --no-run --message-format json-render-diagnostics {options...}"
     )
-    .env(INCREMENTAL.0, INCREMENTAL.1)
+    .envs(BUILT_WITH)
     .read()?;
     let mut programs = Vec::new();
     for message in messages.lines() {

@@ -84,7 +84,7 @@ impl Stage {
     }
 }
 
-const STAGES: [Stage; 17] = [
+const STAGES: [Stage; 18] = [
     stage(
         "set-up",
         "tools that the others need, and a lock file that fits",
@@ -95,10 +95,9 @@ const STAGES: [Stage; 17] = [
         "code as rustfmt writes it, and plain words in comments and pages",
         format,
     ),
-    stage("lint", "clippy, for this computer and for the boards", lint),
     stage(
         "test",
-        "all tests that need nothing else",
+        "clippy on all code for this computer, and all tests that need nothing else",
         harness::workspace,
     ),
     stage(
@@ -107,6 +106,7 @@ const STAGES: [Stage; 17] = [
         peers::run,
     )
     .needs(setup::packages),
+    stage("lint", "clippy on code that only boards run", lint),
     stage(
         "firmware",
         "images of the boards, their sizes, and where they may panic",
@@ -119,7 +119,11 @@ const STAGES: [Stage; 17] = [
         chip::run,
     )
     .needs(packages_and_linker),
-    stage("document", "documentation without a warning", document),
+    stage(
+        "document",
+        "documentation of the libraries without a warning",
+        document,
+    ),
     stage("count", "instructions on emulated processors", count).needs(setup::packages),
     stage("size", "flash and RAM of the link", measure),
     stage(
@@ -142,6 +146,12 @@ const STAGES: [Stage; 17] = [
         "bare",
         "each library with and without its features, on two processors",
         bare,
+    )
+    .nightly(),
+    stage(
+        "document-all",
+        "documentation of all crates without a warning",
+        document_all,
     )
     .nightly(),
     stage("browsers", "the page in Firefox", peers::firefox)
@@ -326,12 +336,7 @@ fn format(sh: &Shell) -> Result<()> {
 }
 
 fn lint(sh: &Shell) -> Result<()> {
-    cmd!(
-        sh,
-        "cargo clippy --locked --workspace --all-targets --all-features -- --deny warnings"
-    )
-    .run()?;
-    // Only where the code is another one than on this computer. One by one: together they would be built
+    // One by one: together they would be built
     // with each other's features.
     let bare = BARE_CRATES.map(|name| ["--package", name]).concat();
     let boards = firmware::packages().map(|board| vec!["--package", board]);
@@ -382,10 +387,19 @@ fn soak(sh: &Shell) -> Result<()> {
 }
 
 fn document(sh: &Shell) -> Result<()> {
+    let libraries = FIRMWARE_CRATES.map(|name| ["--package", name]).concat();
+    rustdoc(sh, &libraries)
+}
+
+fn document_all(sh: &Shell) -> Result<()> {
+    rustdoc(sh, &["--workspace"])
+}
+
+fn rustdoc(sh: &Shell, packages: &[&str]) -> Result<()> {
     let _strict = sh.push_env("RUSTDOCFLAGS", "--deny warnings");
     cmd!(
         sh,
-        "cargo doc --locked --workspace --no-deps --all-features"
+        "cargo doc --locked {packages...} --no-deps --all-features"
     )
     .run()?;
     Ok(())
