@@ -201,9 +201,9 @@ impl Maker<'_> {
             ball_radius: self.scenario.firmware.ball_radius(),
             ..CoordinatorConfig::default()
         };
-        if let Some(seconds) = self.scenario.firmware.join_window_s {
-            coordinator.join_window_s = seconds;
-        }
+        self.scenario
+            .firmware
+            .configure_coordinator(&mut coordinator);
         let coordinator = self.node(
             coordinator_id(self.number),
             &self.scenario.firmware,
@@ -229,17 +229,15 @@ impl Maker<'_> {
         channels: u32,
         role: RoleConfig,
     ) -> Result<CheckedConfig, ScenarioError> {
-        let config = Config {
+        let mut config = Config {
             id,
             site_key: self.key,
             channels,
-            tx_power: firmware.tx_power.unwrap_or(0),
-            protection: match firmware.protection {
-                Some(5) => Protection::EncMic32,
-                _ => Protection::EncMic64,
-            },
+            tx_power: 0,
+            protection: Protection::EncMic64,
             role,
         };
+        firmware.configure_node(&mut config);
         config.check().map_err(|reason| {
             self.scenario.located(ScenarioError::Config {
                 line: None,
@@ -297,6 +295,13 @@ impl Maker<'_> {
         camera.stops = self.scenario.stops as u8;
         camera.reference_stops = self.scenario.stops.min(REFERENCE_STOPS) as u8;
         firmware.configure_camera(&mut camera);
+        // No camera reaches 0; a configuration has no such value.
+        for sigma in [
+            &mut camera.good_enough.position,
+            &mut camera.good_enough.heading_deg,
+        ] {
+            *sigma = sigma.max(f32::MIN_POSITIVE);
+        }
         camera
     }
 
@@ -314,14 +319,15 @@ impl Maker<'_> {
         });
         let references = &self.network.references;
         let measured = SurveySigma::MEASURED;
-        let measured_to = f64::from(measured.position) / self.scenario.metres_per_unit();
         TargetConfig {
             lens_sigma,
             survey_sigma: SurveySigma {
                 baseline: references
                     .baseline_sigma
                     .map_or(measured.baseline, |sigma| sigma as f32),
-                position: references.position_sigma.unwrap_or(measured_to).min(1000.0) as f32,
+                position: references
+                    .position_sigma
+                    .map_or(self.scenario.of_metres(measured.position), |s| s as f32),
             },
             colour: colour.unwrap_or(0) as u8,
             roams: self
@@ -347,9 +353,18 @@ impl Scenario {
         self
     }
 
+    /// The length of so many metres in the unit of the site, as far as a configuration has it.
+    fn of_metres(&self, metres: f32) -> f32 {
+        (f64::from(metres) / self.metres_per_unit()).min(1000.0) as f32
+    }
+
     /// A target's parameters but for the number of its colour.
     pub(crate) fn target_config(&self, table: &TargetTable) -> TargetConfig {
-        let mut target = TargetConfig::default();
+        let usual = TargetConfig::default();
+        let mut target = TargetConfig {
+            standing_sigma: self.of_metres(usual.standing_sigma),
+            ..usual
+        };
         let own = table.firmware.unwrap_or_default();
         own.over(self.firmware).configure_target(&mut target);
         target

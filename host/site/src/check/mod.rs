@@ -130,16 +130,6 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
         0.0..=last,
         ": a column of the lens",
     )?;
-    let sigma = camera.field_of_view_sigma.unwrap_or_default();
-    let field = format!("{name}.field_of_view_sigma");
-    number(field, sigma, 0.0..=0.5, " of the focal length")?;
-    let sigma = camera.principal_sigma.unwrap_or_default();
-    number(
-        format!("{name}.principal_sigma"),
-        sigma,
-        0.0..=50.0,
-        " columns",
-    )?;
     if camera.variant == Variant::Stage && projection != Projection::EqualAngle {
         return Err(refuse(
             format!("{name}.projection"),
@@ -290,12 +280,6 @@ fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checke
             }
         }
     }
-    let sigma = references.baseline_sigma.unwrap_or_default();
-    let field = format!("{name}.references.baseline_sigma");
-    number(field, sigma, 0.0..=0.5, " of the baseline")?;
-    let sigma = references.position_sigma.unwrap_or_default();
-    let field = format!("{name}.references.position_sigma");
-    number(field, sigma, 0.0..=1000.0, " in the unit of the site")?;
     for (key, is_known) in [
         ("baseline_known", references.baseline_known()),
         ("frame_heading_known", references.frame_heading_known()),

@@ -5,7 +5,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use super::{KEYS, Key, Kind};
+use super::{KEYS, Key, Kind, limits::LARGE};
 use crate::{check::refuse, error::ScenarioError};
 
 type Value<'a> = Spanned<DeValue<'a>>;
@@ -62,11 +62,14 @@ fn name_of(key: &Key) -> &'static str {
     name.trim_end_matches("[]")
 }
 
+/// Likeness from which on a name was probably meant.
+const LIKE: f64 = 0.7;
+
 /// The key that was probably meant.
 fn nearest(path: &str, own: &str) -> Option<String> {
     let likeness = |key: &Key| strsim::jaro_winkler(name_of(key), own);
     let best = siblings(path).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
-    if likeness(best) > 0.7 {
+    if likeness(best) > LIKE {
         return Some(name_of(best).into());
     }
     // It may belong elsewhere.
@@ -150,6 +153,16 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
         }
         Kind::Texts if found.is_str() => Ok(()),
         Kind::Choice(names) if found.as_str().is_some_and(|text| names.contains(&text)) => Ok(()),
+        Kind::Choice(names) => {
+            let likeness = |name: &str| strsim::jaro_winkler(name, found.as_str().unwrap_or(""));
+            let best = names
+                .iter()
+                .max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+            let meant = best.filter(|name| likeness(name) > LIKE);
+            let hint = meant.map(|name| format!(": did you mean `\"{name}\"`?"));
+            let allowed = format!("{}{}", key.kind, hint.unwrap_or_default());
+            Err((refuse(field, show(found), allowed), value.span().start))
+        }
         Kind::OneOf(all) => match whole(found) {
             Some(number) if all.iter().any(|&one| f64::from(one) == number) => Ok(()),
             _ => wrong(show(found)),
@@ -188,12 +201,9 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
                 None => Ok(()),
             }
         }
-        Kind::Flag | Kind::Text | Kind::Texts | Kind::Choice(_) => wrong(show(found)),
+        Kind::Flag | Kind::Text | Kind::Texts => wrong(show(found)),
     }
 }
-
-/// The longest length and the like: far from where f32 on the nodes loses digits.
-const LARGE: f64 = super::table::LARGE;
 
 fn whole(value: &DeValue<'_>) -> Option<f64> {
     let integer = value.as_integer()?;

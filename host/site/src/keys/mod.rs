@@ -2,6 +2,7 @@
 //! checked by it, and `docs/site.md` is made of it.
 
 mod document;
+pub(crate) mod limits;
 mod table;
 
 use std::fmt;

@@ -9,9 +9,10 @@ use super::{
         Texts, Whole, Wholes,
     },
     Used::{Both, Nodes, Rehearsal},
-    Without::{Camera, Coordinator, Is, Needed, Target},
+    Without::{Camera, Is, Needed, Target},
+    limits::*,
 };
-use crate::{FIRST_COORDINATOR, PATH_MAX, check::MOST_NETWORKS};
+use crate::{FIRST_COORDINATOR, PATH_MAX, check::MOST_NETWORKS, firmware};
 
 /// In the order of [`BaudRate::ALL`].
 const BAUD_RATES: [u32; BaudRate::ALL.len()] = {
@@ -24,37 +25,6 @@ const BAUD_RATES: [u32; BaudRate::ALL.len()] = {
     rates
 };
 
-/// The longest length and the like: far from where f32 on the nodes loses digits.
-pub(super) const LARGE: f64 = 1e5;
-/// As short as any length may be.
-const SMALL: f64 = 1e-3;
-
-const STOPS: super::Kind = Whole(
-    3.0,
-    16.0,
-    ": a pose needs three sightings, and a camera keeps 16",
-);
-const LENGTH: super::Kind = Number(SMALL, LARGE, " in the unit of the site");
-const COORDINATE: super::Kind = Number(-LARGE, LARGE, " in the unit of the site");
-const SIGMA: super::Kind = Number(0.0, LARGE, " in the unit of the site");
-const DIRECTION: super::Kind = Number(-360.0, 360.0, " degrees");
-const SPREAD: super::Kind = Number(0.0, 180.0, " degrees");
-const SHARE: super::Kind = Number(0.0, 1.0, "");
-const SECONDS: super::Kind = Number(0.0, 1e7, " seconds");
-const DURATION: super::Kind = Number(1e-3, 1e7, " seconds");
-const CHANNEL: super::Kind = Whole(11.0, 26.0, ": a channel of the 2.4 GHz band");
-const NODE: super::Kind = Whole(
-    1.0,
-    FIRST_COORDINATOR as f64 - 1.0,
-    ": larger numbers are those of coordinators",
-);
-/// Of events: 0 is a coordinator.
-const ANY_NODE: super::Kind = Whole(
-    0.0,
-    FIRST_COORDINATOR as f64 - 1.0,
-    ": the `id` of a camera or a target, or 0 for the first network's coordinator",
-);
-const LEVEL: super::Kind = Levels(2, 0.0, 255.0, ": the lowest level and the highest one");
 const MOST: usize = usize::MAX;
 
 const fn key(
@@ -73,9 +43,24 @@ const fn key(
     }
 }
 
-/// All of them, in the order of `docs/site.md`.
+/// All of them: those of `[firmware]` are where its parameters are declared.
+pub const KEYS: &[Key] = &{
+    let parts = [SITE, firmware::KEYS, REHEARSAL];
+    let mut all = [SITE[0]; SITE.len() + firmware::KEYS.len() + REHEARSAL.len()];
+    let (mut part, mut from, mut n) = (0, 0, 0);
+    while n < all.len() {
+        while n - from == parts[part].len() {
+            from = n;
+            part += 1;
+        }
+        all[n] = parts[part][n - from];
+        n += 1;
+    }
+    all
+};
+
 #[rustfmt::skip]
-pub const KEYS: &[Key] = &[
+const SITE: &[Key] = &[
     key("name", Text, Needed, Both, "What the site is called."),
     key("about", Texts, Is(""), Both, "What it is, for people."),
     key("unit", Text, Is("units"), Both, "Name of the unit of length; all lengths are in it. `m`, `metres` and `units` are one metre long."),
@@ -163,34 +148,10 @@ pub const KEYS: &[Key] = &[
     key("camera.model.projection", Choice(&["pin-hole", "equal-angle"]), Is("the real one"), Nodes, "How directions are spread over the columns."),
     key("camera.model.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("the real one"), Nodes, "As it was measured."),
     key("camera.model.principal_column", Number(0.0, 315.0, ": a column of the lens"), Is("the middle"), Nodes, "Column of the optical axis."),
+];
 
-    key("firmware.tx_power", Whole(-40.0, 20.0, " dBm"), Is("0"), Nodes, "Transmit power."),
-    key("firmware.protection", Whole(5.0, 6.0, ": a security level of IEEE 802.15.4"), Is("6"), Nodes, "How frames are secured: 5 with 32 bits of integrity, 6 with 64."),
-    key("firmware.join_window_s", Whole(0.0, 600.0, " seconds"), Coordinator("join-window-s"), Nodes, "Coordinator: how long any device with the site's key may join after start-up."),
-    key("firmware.stops", STOPS, Is("`stops` of the site"), Nodes, "Camera: stops at which it wants to see the target."),
-    key("firmware.reference_stops", Whole(2.0, 12.0, ": 3 or more unless baseline and compass are known"), Is("`stops` of the site, at most 12"), Nodes, "Reference: stops after which it first solves."),
-    key("firmware.refine", Flag, Camera("refine"), Nodes, "Camera: goes on refining its pose after these."),
-    key("firmware.good_enough_position", SIGMA, Camera("good-enough.position"), Nodes, "Camera: wants no more stops when the sigma of its position, 0 for never, ..."),
-    key("firmware.good_enough_heading_deg", SPREAD, Camera("good-enough.heading-deg"), Nodes, "... and that of its heading are within these."),
-    key("firmware.weak_sigma", SIGMA, Camera("weak.position"), Nodes, "Camera: with a larger sigma of the position its pose is weak, and it asks for another stop; ..."),
-    key("firmware.weak_heading_deg", SPREAD, Camera("weak.heading-deg"), Nodes, "... so it is with a larger one of the heading."),
-    key("firmware.sigma_floor_px", Number(0.0, 10.0, " columns"), Camera("sigma-floor-px"), Nodes, "Camera: standard deviation of a sighting that no frame shows."),
-    key("firmware.first_column", Whole(0.0, 1.0, ""), Camera("first-column"), Nodes, "Camera: number of the first column in its packets."),
-    key("firmware.round", Flag, Camera("round"), Nodes, "Camera: targets are balls, so a blob that is narrower than tall is partly hidden."),
-    key("firmware.may_be_elected", Flag, Is("true"), Nodes, "Camera: may become a reference where these are `elected`."),
-    key("firmware.motion", Flag, Is("false"), Nodes, "Camera: looks for what differs from the background instead of for a colour."),
-    key("firmware.motion_threshold", Whole(1.0, 224.0, " levels"), Is("12"), Nodes, "Camera: by how much it must differ; 5 to 20 is usual."),
-    key("firmware.colour_tolerance", Whole(1.0, 120.0, " levels"), Is("45"), Nodes, "Camera: how far from a target's colour a pixel may be."),
-    key("firmware.systematic_heading_deg", SPREAD, Target("systematic-heading-deg"), Nodes, "Target: standard deviation of its step sensor's constant error of heading. Asked for."),
-    key("firmware.systematic_scale", SHARE, Target("systematic-scale"), Nodes, "Target: standard deviation of its step sensor's constant error of distance, as a share of it. Asked for."),
-    key("firmware.standing_sigma", Number(0.0, 1000.0, " in the unit of the site"), Target("standing-sigma"), Nodes, "Target: how still it stands, and how far from where it says; each axis."),
-    key("firmware.ball_radius", Number(0.0, 1000.0, " in the unit of the site"), Target("ball-radius"), Nodes, "Target: radius of the ball that cameras see, as measured; 0: not known. How wide it is in a picture then tells its range."),
-    key("firmware.still_after_ms", Whole(100.0, 60_000.0, " milliseconds"), Target("still-after-ms"), Nodes, "Target: stands when no step came for so long."),
-    key("firmware.dwell_least_ms", Whole(0.0, 3.6e6, " milliseconds, at most `dwell_most_ms`"), Target("dwell-least-ms"), Nodes, "Target: the least time of a stop."),
-    key("firmware.dwell_most_ms", Whole(0.0, 3.6e6, " milliseconds"), Target("dwell-most-ms"), Nodes, "Target: the most time of a stop, even if cameras have not answered."),
-    key("firmware.hard_iron", Numbers(3, -400.0, 400.0, " uT"), Target("sensor.hard-iron"), Nodes, "Target: what the compass of its board reads too much on each axis. A board needs it."),
-    key("firmware.step_length", Number(1e-4, LARGE, " in the unit of the site"), Target("sensor.step-length"), Nodes, "Target: its carrier's step length at a swing of 1 m/s^2, on a board. Asked for where the unit is not the metre."),
-
+#[rustfmt::skip]
+const REHEARSAL: &[Key] = &[
     key("world.low", Numbers(2, -LARGE, LARGE, ": x and y"), Is("[-2, -2]"), Rehearsal, "Its lowest corner."),
     key("world.high", Numbers(2, -LARGE, LARGE, ": x and y"), Is("[28, 28]"), Rehearsal, "Its highest corner."),
     key("world.obstacle[]", Tables, Is("none"), Rehearsal, "What blocks sight and ways: one of the three that follow."),

@@ -92,6 +92,14 @@ fn every_key_that_is_referred_to_is_there() {
 }
 
 #[test]
+fn pages_tell_how_many_nodes_a_network_has() {
+    let page = include_str!("../../../../docs/hardware.md");
+    let most = node_firmware::limits::MEMBERS;
+    let told = format!("at most {most} other nodes");
+    assert!(page.contains(&told), "{told}");
+}
+
+#[test]
 fn examples_work() {
     let page = page();
     let blocks: Vec<_> = page

@@ -226,6 +226,31 @@ fn what_is_left_open_is_asked_for() {
     assert!(notes[0].to_string().contains("`[sensor]`"), "{}", notes[0]);
 }
 
+/// A value unlike any that may be written suggests none.
+#[test]
+fn no_value_is_suggested_for_another_one() {
+    for other in ["\"zzz\"", "7"] {
+        let said = refused(&SITE.replace("\"pin-hole\"", other));
+        assert!(said.contains("or `\"equal-angle\"`"), "{said}");
+        assert!(!said.contains("did you mean"), "{said}");
+    }
+}
+
+/// A target stands as still in inches as in metres.
+#[test]
+fn targets_stand_within_two_centimetres_in_any_unit() {
+    for (unit, metres) in [
+        ("unit = \"m\"", 1.0),
+        ("unit = \"inches\"\nunit_metres = 0.0254", 0.0254),
+        ("unit = \"km\"\nunit_metres = 1000", 1000.0),
+    ] {
+        let site = scenario(&SITE.replace("unit = \"m\"", unit));
+        let configs = site::configs(&site, key()).unwrap();
+        let sigma = f64::from(target(&configs[0].targets[0]).standing_sigma) * metres;
+        assert!((sigma - 0.02).abs() < 1e-6, "{unit}: {sigma}");
+    }
+}
+
 /// A rehearsal needs to know where cameras stand; nodes do not.
 #[test]
 fn a_rehearsal_needs_places() {
@@ -396,6 +421,13 @@ fn errors_name_key_and_line() {
         (
             head("stps = 4"),
             ["no key `stps` at the top", "did you mean `stops`?"],
+        ),
+        (
+            SITE.replace("\"pin-hole\"", "\"pinhole\""),
+            [
+                "line 5: `camera.projection` is pinhole: it must be `\"pin-hole\"` or",
+                "did you mean `\"pin-hole\"`?",
+            ],
         ),
         (
             head("weak_sigma = 4"),
