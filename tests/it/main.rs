@@ -1,7 +1,7 @@
 //! Tests across the crates, one program.
 
 mod network;
-mod pixy2;
+mod pixy;
 mod ray_scan;
 mod recorded;
 mod sight;

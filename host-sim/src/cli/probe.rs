@@ -10,7 +10,7 @@ use std::{
 };
 
 use anyhow::{anyhow, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use cmucam2_driver::{
     Command, Error,
     colour::ColourBounds,
@@ -34,7 +34,7 @@ use indicatif::ProgressBar;
 use node_firmware::vision::BackgroundShare;
 
 use super::{
-    camera::emulated,
+    camera::{KindOption, emulated},
     camera_options::{CameraOptions, USUAL_COLUMNS},
     files::Files,
     interrupt::INTERRUPTED,
@@ -44,7 +44,7 @@ use person::Person;
 
 mod live;
 mod person;
-mod pixy2;
+mod pixy;
 mod stops;
 
 /// Talks to a camera on a serial port: what it tracks, and where; a picture; sightings for `solve`.
@@ -63,17 +63,23 @@ pub(super) struct Arguments {
     /// computer can. With an option of `host-sim camera`, see below; may be repeated.
     #[arg(long, value_name = "NAME=VALUE", num_args = 0..=1, default_missing_value = "")]
     emulate: Vec<String>,
-    /// Model of the camera. Of a Pixy2 the blobs of a signature are shown or recorded; it takes no
-    /// pictures, learns no colour here and is not started up.
+    /// Model of the camera. Of all but a CMUcam2 the blobs of a signature, or a tag, are shown or recorded; they
+    /// take no pictures, learn no colour here and are not started up.
     #[arg(long = "camera", value_enum, default_value_t)]
-    kind: Kind,
-    /// The signature of a Pixy2 that is looked for.
+    kind: KindOption,
+    /// The signature that a Pixy or an OpenMV Cam was taught and that is looked for.
     #[arg(
         long, value_name = "N", default_value_t = 1,
         value_parser = clap::value_parser!(u8).range(1..=7)
     )]
     signature: u8,
-    /// Rate that the camera's jumpers select, or that is set in a Pixy2; `auto` tries all usual rates.
+    /// The number of the tag that is looked for, with `--camera openmv-tags`.
+    #[arg(
+        long, value_name = "N", default_value_t = 0,
+        value_parser = clap::value_parser!(u16).range(..=999)
+    )]
+    tag: u16,
+    /// Rate that the camera's jumpers select, or that is set in another one; `auto` tries all usual rates.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
     /// Time that the camera has to adapt to the light before gain and white balance are frozen.
@@ -136,13 +142,6 @@ pub(super) struct Arguments {
     first_column: Option<u8>,
     #[command(flatten, next_help_heading = "Camera, for bearings")]
     camera: CameraOptions,
-}
-
-#[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
-enum Kind {
-    #[default]
-    Cmucam2,
-    Pixy2,
 }
 
 const EPILOGUE: &str = "\
@@ -269,7 +268,7 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 }
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
-    if arguments.kind == Kind::Cmucam2 {
+    if arguments.kind == KindOption::Cmucam2 {
         arguments.baud.of_jumpers().map_err(anyhow::Error::msg)?;
     }
     // What is wrong with a file is told before anyone waits for the camera.
@@ -285,8 +284,8 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
         None => None,
     };
     let person = Person::new()?;
-    if arguments.kind == Kind::Pixy2 {
-        return pixy2::run(arguments, person, recording);
+    if let Some(model) = pixy::model(arguments.kind) {
+        return pixy::run(arguments, model, person, recording);
     }
     let mut bench = Bench::begin(arguments, person)?;
     let done = bench.work(recording);
@@ -306,7 +305,7 @@ impl Arguments {
         Ok(match &self.port {
             Some(path) => Port::open(path, baud_rate, person.interrupted())?,
             None => {
-                let wire = emulated::wire(self.kind == Kind::Pixy2, &self.emulate, baud_rate)?;
+                let wire = emulated::wire(self.kind, &self.emulate, baud_rate)?;
                 Port::on(wire, person.interrupted())
             }
         })

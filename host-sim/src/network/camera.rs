@@ -81,18 +81,18 @@ impl Device for CameraDevice {
     }
 }
 
-/// An emulated Pixy2 at the far end of a line.
-pub struct Pixy2Device {
-    emulator: pixy2_emulator::Emulator,
+/// An emulated camera of the Pixy family at the far end of a line.
+pub struct PixyDevice {
+    emulator: pixy_emulator::Emulator,
     scene: Stage,
     faults: Rc<Cell<FaultRates>>,
 }
 
-impl Pixy2Device {
-    /// `scene` is called with the time before each byte that may ask for a frame. Of the faults it has
-    /// `corrupt_line`, of each request and answer.
+impl PixyDevice {
+    /// `scene` is called with the time before each byte that may ask for a frame, or before each picture of a camera
+    /// that streams. Of the faults it has `corrupt_line`, of each request, answer and picture.
     pub fn new(
-        emulator: pixy2_emulator::Emulator,
+        emulator: pixy_emulator::Emulator,
         scene: impl FnMut(Time, &mut Scene) + 'static,
         faults: Rc<Cell<FaultRates>>,
     ) -> Self {
@@ -104,21 +104,31 @@ impl Pixy2Device {
     }
 }
 
-impl Device for Pixy2Device {
+impl PixyDevice {
+    /// What is before it at a time, and its faults.
+    fn look(&mut self, now: Time) {
+        (self.scene)(now, self.emulator.scene_mut());
+        let rate = self.faults.get().corrupt_line;
+        self.emulator.set_corrupt_line(rate);
+    }
+}
+
+impl Device for PixyDevice {
     fn power_up(&mut self, now: Time) {
         self.emulator.power_cycle(now);
     }
 
     fn next_action(&self) -> Option<Time> {
-        None
+        self.emulator.next_picture()
     }
 
-    fn act(&mut self, _: Time) {}
+    fn act(&mut self, now: Time) {
+        self.look(now);
+        self.emulator.advance(now);
+    }
 
     fn receive(&mut self, byte: u8, at: Time) {
-        (self.scene)(at, self.emulator.scene_mut());
-        let rate = self.faults.get().corrupt_line;
-        self.emulator.set_corrupt_line(rate);
+        self.look(at);
         self.emulator.receive(byte, at);
     }
 

@@ -60,7 +60,7 @@ use node_firmware::{
 };
 
 pub use self::{
-    camera::{CameraDevice, Pixy2Device},
+    camera::{CameraDevice, PixyDevice},
     console::Terminal,
     emulated::{
         EmulatorError,

@@ -28,7 +28,7 @@ use results::record::verdict::health_words;
 use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
-    CameraDevice, Pixy2Device, SharedWorld, Simulation, Trouble,
+    CameraDevice, PixyDevice, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
     emulated::{Surroundings, chips},
     journal::{Moment, SharedJournal, Witness},
@@ -51,6 +51,16 @@ const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
 /// Time after which a board that failed restarts.
 const RESTART: Time = 1_000_000_000;
+
+/// The emulator's model of a camera of the Pixy family.
+const fn pixy_model(kind: CameraKind) -> pixy_emulator::Model {
+    match kind {
+        CameraKind::Cmucam2 | CameraKind::Pixy2 => pixy_emulator::Model::Pixy2,
+        CameraKind::Pixy => pixy_emulator::Model::Pixy,
+        CameraKind::OpenMv => pixy_emulator::Model::OpenMv,
+        CameraKind::OpenMvTags => pixy_emulator::Model::OpenMvTags,
+    }
+}
 
 /// Period of the watchdog: a shorter one would only cost time.
 const WATCHDOG: Time = 30_000_000_000;
@@ -286,6 +296,8 @@ impl Node {
         let faults = outlook.faults.clone();
         let video = outlook.video.clone();
         let light = simulation.light.clone();
+        let tags = camera.tags.clone();
+        let worn = move |target| Some(tags.iter().position(|worn| *worn == target)? as u16);
         let mut seen = None;
         let scene = move |now: Time, scene: &mut Scene| {
             scene.light = light.get();
@@ -299,12 +311,15 @@ impl Node {
             if let Some(view) = &*stuck.borrow() {
                 seen = None;
                 view.paint(BACKDROP, &mut scene.objects);
+                view.tag(&worn, &mut scene.objects);
                 return;
             }
             let world = world.borrow();
             if seen != Some(world.revision()) {
                 seen = Some(world.revision());
-                world.look(index).paint(BACKDROP, &mut scene.objects);
+                let view = world.look(index);
+                view.paint(BACKDROP, &mut scene.objects);
+                view.tag(&worn, &mut scene.objects);
             }
         };
         let clock = simulation.executor.clock();
@@ -323,15 +338,16 @@ impl Node {
                 let device = CameraDevice::new(emulator, scene).with_faults(faults);
                 Line::to_device(&clock, uart, device)
             }
-            CameraKind::Pixy2 => {
-                let configuration = pixy2_emulator::Configuration {
+            kind => {
+                let configuration = pixy_emulator::Configuration {
+                    model: pixy_model(kind),
                     baud: camera.baud,
                     signatures: camera.taught.clone(),
                     seed,
-                    ..pixy2_emulator::Configuration::default()
+                    ..pixy_emulator::Configuration::default()
                 };
-                let emulator = pixy2_emulator::Emulator::new(configuration, empty);
-                let device = Pixy2Device::new(emulator, scene, faults);
+                let emulator = pixy_emulator::Emulator::new(configuration, empty);
+                let device = PixyDevice::new(emulator, scene, faults);
                 Line::to_device(&clock, uart, device)
             }
         };

@@ -44,8 +44,9 @@ impl fmt::Display for Stranger {
         f.write_str(match self {
             Self::OtherCamera => "that is another camera of the CMUcam family: its commands differ",
             Self::OriginalPixy => {
-                "that is an original Pixy (CMUcam5), whose protocol differs: a Pixy2 is needed; or a Pixy2 \
-                 whose \"Pixy 1.0 compatibility mode\" is ticked in PixyMon (Configure, Interface)"
+                "that is an original Pixy (CMUcam5), or an OpenMV Cam that plays one: --camera pixy, openmv or \
+                 openmv-tags; or a Pixy2 whose \"Pixy 1.0 compatibility mode\" is ticked in PixyMon \
+                 (Configure, Interface)"
             }
             Self::RefusesAll => {
                 "it says NCK to everything: no CMUcam2 does that for long, so switch it off and on; \

@@ -70,6 +70,8 @@ pub enum Shape {
     Disc,
     /// All of its extent.
     Box,
+    /// A tag of this number that fills its extent. To a camera that looks for colours: a box.
+    Tag(u16),
 }
 
 /// Meaning of the numbers of a way.
@@ -276,7 +278,7 @@ impl Patch {
             return None;
         }
         match self.shape {
-            Shape::Box => Some([left, right]),
+            Shape::Box | Shape::Tag(_) => Some([left, right]),
             Shape::Disc => {
                 let down = (2.0 * y - top - bottom) / (bottom - top);
                 let share = (1.0 - down * down).max(0.0).sqrt();
@@ -298,7 +300,7 @@ impl Patch {
             return false;
         }
         match self.shape {
-            Shape::Box => true,
+            Shape::Box | Shape::Tag(_) => true,
             Shape::Disc => {
                 let across = (2.0 * x - left - right) / (right - left);
                 let down = (2.0 * y - top - bottom) / (bottom - top);

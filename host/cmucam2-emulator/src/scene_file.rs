@@ -20,7 +20,7 @@
 //!
 //! [[object]]                   # from back to front; what comes later covers what came before
 //! colour = [220, 110, 40]
-//! shape = "disc"               # or "box"
+//! shape = "disc"               # or "box"; or { tag = 3 }, for cameras that look for tags
 //! repeat = true                # begin anew after the last stop
 //! # Where it is: one stop for something that stands, more for a way. Each has a time in seconds
 //! # (0 if missing) and one of three forms.
@@ -148,6 +148,7 @@ enum ShapeName {
     #[default]
     Disc,
     Box,
+    Tag(u16),
 }
 
 /// A stop of any form, which follows from the fields that are there.
@@ -310,6 +311,7 @@ impl ObjectTable {
             shape: match self.shape {
                 ShapeName::Disc => Shape::Disc,
                 ShapeName::Box => Shape::Box,
+                ShapeName::Tag(number) => Shape::Tag(number),
             },
             place: Place::Moving(Way {
                 form: match form {
@@ -388,7 +390,7 @@ mod tests {
         let scene = read(
             "[background]\nplain = [1, 2, 3]\n\
              [[object]]\ncolour = [200, 0, 0]\nstops = [{ picture = [0.5, 0.25], size = 0.1 }]\n\
-             [[object]]\ncolour = [0, 200, 0]\nshape = 'box'\n\
+             [[object]]\ncolour = [0, 200, 0]\nshape = { tag = 3 }\n\
              stops = [{ bearing_deg = 0, size_deg = [2.0, 3.0] }]\n\
              [[object]]\ncolour = [0, 0, 200]\nstops = [{ x = 2, y = 0, radius = 0.1 }]\n",
         )
@@ -396,7 +398,7 @@ mod tests {
         let patches: Vec<_> = scene.patches(0.0).collect();
         assert_eq!(patches.len(), 3);
         assert!((patches[0].extent.top - 0.2).abs() < 1e-12);
-        assert_eq!(patches[1].shape, Shape::Box);
+        assert_eq!(patches[1].shape, Shape::Tag(3));
         let middle = f64::midpoint(patches[2].extent.left, patches[2].extent.right);
         assert!((middle - 0.5).abs() < 1e-12);
     }

@@ -145,13 +145,22 @@ impl Scenario {
     /// those of visitors, which have the same numbers at home.
     pub(crate) fn colours(&self, network: &NetworkTable) -> Vec<(Rgb, Option<ColourWindow>)> {
         let mut colours: Vec<(Rgb, Option<ColourWindow>)> = Vec::new();
-        for target in self.visitors(network).iter().chain(&network.targets) {
-            match colours.iter_mut().find(|(c, _)| *c == target.colour) {
+        let is_tagged = self.is_tagged(network);
+        for target in self.wearers(network) {
+            let known = colours.iter_mut().find(|(c, _)| *c == target.colour);
+            match known.filter(|_| !is_tagged) {
                 Some((_, window)) => *window = window.or(target.window),
                 None => colours.push((target.colour, target.window)),
             }
         }
         colours
+    }
+
+    /// Returns true if a camera of the network looks for tags: each target then has a number of its own.
+    fn is_tagged(&self, network: &NetworkTable) -> bool {
+        let kind = |placed| self.camera.for_camera(placed).kind;
+        let mut kinds = network.cameras.iter().map(kind);
+        kinds.any(|kind| kind == CameraKind::OpenMvTags)
     }
 }
 
@@ -261,11 +270,11 @@ impl Maker<'_> {
                 colours.map(|(colour, own)| own.unwrap_or_else(|| window(colour, tolerance)));
             Subjects::Colours(windows.collect())
         });
-        let mut camera = match table.kind {
-            CameraKind::Cmucam2 => CameraConfig::new(table.believed(), subjects),
-            CameraKind::Pixy2 => CameraConfig {
+        let mut camera = match table.kind.model() {
+            None => CameraConfig::new(table.believed(), subjects),
+            Some(model) => CameraConfig {
                 lens: table.believed(),
-                ..CameraConfig::pixy2(self.scenario.colours(self.network).len() as u8)
+                ..CameraConfig::pixy(model, self.scenario.colours(self.network).len() as u8)
             },
         };
         camera.baud = table.baud();
@@ -307,7 +316,12 @@ impl Maker<'_> {
 
     fn target(&self, table: &TargetTable) -> TargetConfig {
         let colours = self.scenario.colours(self.network);
-        let colour = colours.iter().position(|(c, _)| *c == table.colour);
+        let colour = if self.scenario.is_tagged(self.network) {
+            let mut wearers = self.scenario.wearers(self.network);
+            wearers.position(|target| target.id == table.id)
+        } else {
+            colours.iter().position(|(c, _)| *c == table.colour)
+        };
         // One for all cameras: that of the lens which is known least.
         let sigmas = self.network.cameras.iter().map(|placed| {
             let table = self.scenario.camera.for_camera(placed);
@@ -374,11 +388,9 @@ impl Scenario {
 impl super::file::CameraTable {
     /// Baud rate of the line between node and camera.
     pub fn baud(&self) -> u32 {
-        let usual = || match self.kind {
-            CameraKind::Cmucam2 => {
-                CameraConfig::new(self.believed(), Subjects::Motion { threshold: 1 })
-            }
-            CameraKind::Pixy2 => CameraConfig::pixy2(1),
+        let usual = || match self.kind.model() {
+            None => CameraConfig::new(self.believed(), Subjects::Motion { threshold: 1 }),
+            Some(model) => CameraConfig::pixy(model, 1),
         };
         self.baud.unwrap_or_else(|| usual().baud)
     }

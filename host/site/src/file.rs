@@ -200,7 +200,7 @@ pub struct ScatterTable {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraTable {
-    /// Kind of camera: `cmucam2` (default) or `pixy2`.
+    /// Kind of camera: `cmucam2` (default), `pixy2`, `pixy`, `openmv` or `openmv-tags`.
     pub kind: CameraKind,
     /// Model by which its picture is made: `cmucam2` (default) or `stage`.
     pub variant: Variant,
@@ -283,17 +283,21 @@ impl CameraTable {
 
     /// The real lens's, degrees.
     pub fn field_of_view_deg(&self) -> f64 {
-        self.field_of_view_deg.unwrap_or(ASSUMED_FIELD_OF_VIEW_DEG)
+        let model = self.kind.model();
+        let sold = model.map_or(ASSUMED_FIELD_OF_VIEW_DEG, |model| {
+            model.field_of_view_deg().into()
+        });
+        self.field_of_view_deg.unwrap_or(sold)
     }
 
     /// Columns and rows of its frames.
     pub fn size(&self) -> [u16; 2] {
-        match self.kind {
-            CameraKind::Cmucam2 => {
+        match self.kind.model() {
+            None => {
                 let size = Size::of(self.sensor.into(), false);
                 [size.width, size.height].map(u16::from)
             }
-            CameraKind::Pixy2 => pixy2_emulator::FRAME_SIZE,
+            Some(model) => model.size(),
         }
     }
 
@@ -564,6 +568,14 @@ impl Scenario {
     /// The targets that come from another network to this one.
     pub fn visitors(&self, network: &NetworkTable) -> &[TargetTable] {
         self.home_of(network).map_or(&[], |home| &home.targets)
+    }
+
+    /// The targets that the cameras of a network see, in the order of their numbers.
+    pub fn wearers<'a>(
+        &'a self,
+        network: &'a NetworkTable,
+    ) -> impl Iterator<Item = &'a TargetTable> {
+        self.visitors(network).iter().chain(&network.targets)
     }
 
     /// A network's frame in the building, be it brought from another network.

@@ -76,8 +76,10 @@ pub struct CameraNode {
     pub index: usize,
     /// Kind of camera.
     pub kind: CameraKind,
-    /// Colours that a Pixy2 was taught, signature 1 first.
+    /// Colours that a camera of the Pixy family was taught, signature 1 first.
     pub taught: Vec<Rgb>,
+    /// The world's targets that wear tags, that of tag 0 first.
+    pub tags: Vec<usize>,
     /// Image sensor of a CMUcam2.
     pub sensor: Sensor,
     /// Baud rate of its line.
@@ -214,6 +216,7 @@ fn camera(
         index: 0,
         kind: table.kind,
         taught: Vec::new(),
+        tags: Vec::new(),
         sensor: table.sensor.into(),
         baud: table.baud(),
         faults: fault_rates(name, &table.faults)?,
@@ -276,6 +279,12 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
             node.index = cameras.len();
             let colours = scenario.colours(table).into_iter();
             node.taught = colours.map(|(colour, _)| colour).collect();
+            if node.kind == CameraKind::OpenMvTags {
+                let all = scenario.networks.iter().flat_map(|table| &table.targets);
+                let index = |id: u16| all.clone().position(|target| target.id == id);
+                let worn = scenario.wearers(table);
+                node.tags = worn.filter_map(|target| index(target.id)).collect();
+            }
             cameras.push(camera);
             nodes.push(node);
         }

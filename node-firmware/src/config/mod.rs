@@ -17,6 +17,7 @@ mod key;
 use calib_core::{Limits, camera::Camera};
 use flash_log::Crc32;
 use heapless::Vec;
+use pixy_driver::Model;
 use serde::{Deserialize, Serialize};
 use zigbee_link::security::Protection;
 
@@ -28,7 +29,6 @@ use crate::limits::{COLOURS_MAX, MEMBERS};
 use crate::message::{Duty, Reference};
 use crate::vision::{
     CameraKind, ColourWindow, Judge, Lens, Patience, Shape, Subject, cmucam2::Cmucam2Settings,
-    pixy2,
 };
 
 /// All settings of a node, as people and pages have them: values may be out of their range. [`Config::check`]
@@ -102,9 +102,9 @@ pub struct CameraConfig {
     pub kind: CameraKind,
     /// Lens: directions of the columns.
     pub lens: Lens,
-    /// Baud rate that the CMUcam2's jumpers select, or that is set in the Pixy2.
+    /// Baud rate that the CMUcam2's jumpers select, or that is set in the others.
     pub baud: u32,
-    /// Number of the first column in the CMUcam2's packets, 0 or 1. Nothing to a Pixy2.
+    /// Number of the first column in the CMUcam2's packets, 0 or 1. Nothing to others.
     pub first_column: u8,
     /// Appearance of the target.
     pub subjects: Subjects,
@@ -232,6 +232,8 @@ pub enum Subjects {
     /// So many colours that the camera was taught beforehand, as a Pixy2 is: the target's colour
     /// number 0 is its signature 1, and so on.
     Signatures(u8),
+    /// Tags: the target's colour number is that of its tag.
+    Tags,
 }
 
 impl Subjects {
@@ -276,6 +278,7 @@ impl Subjects {
             &Self::Signatures(taught) => {
                 (colour < taught).then(|| Subject::Signature(colour.saturating_add(1)))
             }
+            Self::Tags => Some(Subject::Tag(colour)),
         }
     }
 }
@@ -356,14 +359,18 @@ impl CameraConfig {
         }
     }
 
-    /// A Pixy2 as it is shipped, that was taught so many signatures: 19,200 baud, and a field of view
-    /// of 60 degrees.
-    pub fn pixy2(signatures: u8) -> Self {
-        let lens = Lens::pin_hole(pixy2::COLUMNS, 60.0);
+    /// A camera of the Pixy family as it is shipped, that was taught so many signatures.
+    pub fn pixy(model: Model, signatures: u8) -> Self {
+        let [columns, _] = model.size();
+        let lens = Lens::pin_hole(columns, model.field_of_view_deg());
+        let subjects = match model {
+            Model::OpenMvTags => Subjects::Tags,
+            _ => Subjects::Signatures(signatures),
+        };
         Self {
-            kind: CameraKind::Pixy2,
-            baud: pixy2::BAUD,
-            ..Self::new(lens, Subjects::Signatures(signatures))
+            kind: model.into(),
+            baud: Model::BAUD,
+            ..Self::new(lens, subjects)
         }
     }
 
@@ -381,7 +388,7 @@ impl CameraConfig {
             sigma_floor: self.sigma_floor_px,
             ..Patience::default()
         };
-        // Blocks of frame differencing show no shape, and people are not round.
+        // Blocks of frame differencing show no shape, people are not round, and tags are seen at an angle.
         let shape = match self.subjects {
             Subjects::Colours(_) | Subjects::Signatures(_) if self.round => Shape::Round {
                 rows_per_column: self.kind.rows_per_column(),

@@ -112,7 +112,10 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Some(task) => task,
                 None => {
                     self.liveness.on_camera_rests();
-                    tasks.receive().await
+                    match select(tasks.receive(), self.camera.rest()).await {
+                        Either::First(task) => task,
+                        Either::Second(never) => match never {},
+                    }
                 }
             };
             self.liveness.on_camera_works(self.clock.now());
@@ -184,9 +187,8 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 events.send(CameraEvent::Failed).await;
             }
             let now = self.clock.now().0;
-            self.clock
-                .sleep_until(Instant(now.saturating_add(pause)))
-                .await;
+            let until = self.clock.sleep_until(Instant(now.saturating_add(pause)));
+            select(until, self.camera.rest()).await;
             pause = (pause * 2).min(PAUSE_MAX_US);
         }
         events.send(CameraEvent::Ready).await;
@@ -231,7 +233,8 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         match command {
             CameraCommand::Initialise => self.start_up().await?,
             CameraCommand::LearnColour { colour }
-                if let Some(subject @ Subject::Signature(_)) = self.subjects.of_target(colour) =>
+                if let Some(subject @ (Subject::Signature(_) | Subject::Tag(_))) =
+                    self.subjects.of_target(colour) =>
             {
                 // It was taught beforehand: only whether it sees one such object can be told.
                 let looked = look(&mut self.camera, subject, judge).await?;

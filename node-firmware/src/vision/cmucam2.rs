@@ -145,7 +145,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
     fn grid(&self, subject: Subject) -> Grid {
         let first = self.settings.first_column;
         match subject {
-            Subject::Colour(_) | Subject::Signature(_) => Grid::pixels(first),
+            Subject::Colour(_) | Subject::Signature(_) | Subject::Tag(_) => Grid::pixels(first),
             Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, self.rows),
         }
     }
@@ -284,7 +284,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
                 let difference = Command::FrameDifference(threshold);
                 self.camera.stream(difference).run().await
             }
-            Subject::Signature(_) => return Err(VisionError::Unable),
+            Subject::Signature(_) | Subject::Tag(_) => return Err(VisionError::Unable),
         };
         self.taken(begun)?;
         self.subject = Some(subject);

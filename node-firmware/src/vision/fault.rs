@@ -85,8 +85,8 @@ impl fmt::Display for VisionError {
                 "no background is known: learn it while the target is out of view"
             }
             Self::Unable => {
-                "this kind of camera cannot do that: a Pixy2 is taught colours by its button or in \
-                 PixyMon, and finds nothing that moves"
+                "this kind of camera cannot do that: a Pixy is taught colours by its button or in PixyMon, an \
+                 OpenMV by its script, and they find nothing that moves"
             }
             Self::Busy => {
                 "the camera is busy all the time: let it run color_connected_components, and let no program \

@@ -4,7 +4,7 @@
 //! | module | job |
 //! |---|---|
 //! | here | [`BlobCamera`]: the seam that other blob cameras can fill, and [`Blob`]s as it gives them |
-//! | [`cmucam2`], [`pixy2`] | The CMUcam2 and the Pixy2 behind that seam |
+//! | [`cmucam2`], [`pixy`] | The CMUcam2 and the Pixy family behind that seam |
 //! | [`either`] | The one of them that a node has |
 //! | [`background`] | Share of the background that has a colour that was learnt |
 //! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
@@ -25,14 +25,17 @@ pub mod cmucam2;
 pub mod either;
 pub mod lens;
 pub mod look;
-pub mod pixy2;
+pub mod pixy;
 pub mod steady;
 
 mod blob;
 mod fault;
 mod subject;
 
-use core::future::Future;
+use core::{
+    convert::Infallible,
+    future::{Future, pending},
+};
 
 pub use self::{
     background::BackgroundShare,
@@ -42,7 +45,7 @@ pub use self::{
     fault::VisionError,
     lens::{Lens, LensError},
     look::{Judge, Look, Patience, look},
-    pixy2::Pixy2BlobCamera,
+    pixy::PixyBlobCamera,
     steady::Shape,
     subject::{CameraKind, ColourWindow, LearntColour, Subject},
 };
@@ -95,4 +98,9 @@ pub trait BlobCamera {
     /// # Errors
     /// [`VisionError`].
     fn end(&mut self) -> impl Future<Output = Result<(), VisionError>>;
+
+    /// Reads what a camera tells that is not asked, until the call is dropped: the line must not overflow.
+    fn rest(&mut self) -> impl Future<Output = Infallible> {
+        pending()
+    }
 }

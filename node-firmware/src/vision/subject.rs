@@ -1,5 +1,6 @@
 //! Subjects that a camera looks for.
 
+use pixy_driver::Model;
 use serde::{Deserialize, Serialize};
 
 use super::BackgroundShare;
@@ -51,6 +52,8 @@ pub enum Subject {
     },
     /// A signature that a camera was taught itself, as a Pixy2 is, of this number, 1 to 7.
     Signature(u8),
+    /// The tag of this number.
+    Tag(u8),
 }
 
 /// Kind of a node's camera.
@@ -63,14 +66,45 @@ pub enum CameraKind {
     Cmucam2,
     /// Was taught its colours, by its button or in `PixyMon`.
     Pixy2,
+    /// The original Pixy: the same, but it streams.
+    Pixy,
+    /// An OpenMV Cam with its script `pixy_uart_emulation.py`: the colours are in the script.
+    #[serde(rename = "openmv")]
+    OpenMv,
+    /// An OpenMV Cam with its script `apriltags_pixy_uart_emulation.py`: targets wear tags, each that of its
+    /// colour's number.
+    #[serde(rename = "openmv-tags")]
+    OpenMvTags,
+}
+
+impl From<Model> for CameraKind {
+    fn from(model: Model) -> Self {
+        match model {
+            Model::Pixy2 => Self::Pixy2,
+            Model::Pixy => Self::Pixy,
+            Model::OpenMv => Self::OpenMv,
+            Model::OpenMvTags => Self::OpenMvTags,
+        }
+    }
 }
 
 impl CameraKind {
+    /// The model, of a camera of the Pixy family.
+    pub const fn model(self) -> Option<Model> {
+        match self {
+            Self::Cmucam2 => None,
+            Self::Pixy2 => Some(Model::Pixy2),
+            Self::Pixy => Some(Model::Pixy),
+            Self::OpenMv => Some(Model::OpenMv),
+            Self::OpenMvTags => Some(Model::OpenMvTags),
+        }
+    }
+
     /// Number of rows that are as much as a column.
     pub const fn rows_per_column(self) -> f32 {
         match self {
             Self::Cmucam2 => super::cmucam2::ROWS_PER_COLUMN,
-            Self::Pixy2 => 1.0,
+            Self::Pixy2 | Self::Pixy | Self::OpenMv | Self::OpenMvTags => 1.0,
         }
     }
 }

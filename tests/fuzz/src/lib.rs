@@ -44,7 +44,8 @@ targets! {
     link_spinel
     link_wire
     node_roles
-    pixy2_session
+    pixy_session
+    pixy_stream
     site_file
 }
 

@@ -112,7 +112,8 @@ targets! {
     link_spinel: 200_000,
     link_wire: 500_000,
     node_roles: 200_000,
-    pixy2_session: 500_000,
+    pixy_session: 500_000,
+    pixy_stream: 500_000,
     site_file: 50_000,
 }
 

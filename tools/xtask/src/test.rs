@@ -42,7 +42,7 @@ const FIRMWARE_CRATES: [&str; 8] = [
     "flash-log",
     "node-firmware",
     "pedestrian",
-    "pixy2-driver",
+    "pixy-driver",
     "spinel-radio",
     "zigbee-link",
 ];

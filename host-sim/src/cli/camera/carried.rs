@@ -37,19 +37,40 @@ impl OnLine for cmucam2_emulator::Emulator {
     }
 }
 
-/// A Pixy2, and its rate.
-pub(super) struct Pixy2 {
-    pub(super) emulator: pixy2_emulator::Emulator,
-    pub(super) baud: u32,
+/// A camera of the Pixy family, and its rate.
+pub(super) struct Pixy {
+    emulator: pixy_emulator::Emulator,
+    baud: u32,
+    is_understood: bool,
 }
 
-impl OnLine for Pixy2 {
+impl Pixy {
+    pub(super) const fn new(emulator: pixy_emulator::Emulator, baud: u32) -> Self {
+        Self {
+            emulator,
+            baud,
+            is_understood: true,
+        }
+    }
+
+    pub(super) const fn emulator(&mut self) -> &mut pixy_emulator::Emulator {
+        &mut self.emulator
+    }
+}
+
+impl OnLine for Pixy {
     fn receive(&mut self, byte: u8, at: Time) {
         self.emulator.receive(byte, at);
     }
 
     fn transmit(&mut self, now: Time) -> Option<u8> {
-        self.emulator.transmit(now).map(|(_, byte)| byte)
+        let (_, byte) = self.emulator.transmit(now)?;
+        // Levels that are looked at in the middle of other bits.
+        Some(if self.is_understood {
+            byte
+        } else {
+            byte.rotate_left(3) ^ 0xE0
+        })
     }
 
     fn next_deadline(&self) -> Option<Time> {
@@ -57,8 +78,9 @@ impl OnLine for Pixy2 {
     }
 
     fn set_host_baud(&mut self, baud: u32) -> bool {
-        // At another rate no request is one.
-        baud == self.baud
+        // At another rate no request is one, and what is told is garbage.
+        self.is_understood = baud == self.baud;
+        self.is_understood
     }
 }
 

@@ -8,13 +8,13 @@ use std::{
 };
 
 use anyhow::{bail, ensure};
-use clap::Parser;
+use clap::{Parser, ValueEnum, builder::PossibleValue};
 use cmucam2_emulator::{Emulator, Time};
 use host_sim::probe::port::Wire;
 
 use super::{
     Arguments, KindOption,
-    carried::{Carried, OnLine, Pixy2},
+    carried::{Carried, OnLine, Pixy},
 };
 
 /// Options of `host-sim camera` that an emulated camera can have.
@@ -47,15 +47,14 @@ struct Virtual<C> {
 /// # Errors
 /// The first option that does not exist, or that this camera does not have.
 pub(in crate::cli) fn wire(
-    is_pixy2: bool,
+    kind: KindOption,
     options: &[String],
     host_baud: u32,
 ) -> anyhow::Result<Arc<Mutex<dyn Wire>>> {
-    let mut words = vec!["--pty=none".to_owned()];
+    let kind = kind.to_possible_value();
+    let kind = kind.as_ref().map_or("cmucam2", PossibleValue::get_name);
+    let mut words = vec!["--pty=none".to_owned(), format!("--kind={kind}")];
     let mut heard = Vec::new();
-    if is_pixy2 {
-        words.push("--kind=pixy2".to_owned());
-    }
     for option in options.iter().filter(|option| !option.is_empty()) {
         let name = option.split('=').next().unwrap_or_default();
         if let Some(text) = option.strip_prefix("heard=") {
@@ -80,15 +79,15 @@ pub(in crate::cli) fn wire(
     let configuration = camera.configuration()?;
     let scene = camera.scene(configuration.sensor)?;
     let baud = camera.baud();
-    Ok(match camera.kind {
-        KindOption::Cmucam2 => Virtual::begin(
+    Ok(match camera.kind.model() {
+        None => Virtual::begin(
             Emulator::new(configuration, scene),
             (baud, host_baud),
             &heard,
         ),
-        KindOption::Pixy2 => {
-            let emulator = pixy2_emulator::Emulator::new(camera.pixy2()?, scene);
-            Virtual::begin(Pixy2 { emulator, baud }, (baud, host_baud), &heard)
+        Some(model) => {
+            let emulator = pixy_emulator::Emulator::new(camera.pixy(model)?, scene);
+            Virtual::begin(Pixy::new(emulator, baud), (baud, host_baud), &heard)
         }
     })
 }
@@ -201,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_banner_comes_when_a_line_would_have_carried_it() {
-        let wire = wire(false, &["baud=1200".to_owned()], 1200).unwrap();
+        let wire = wire(KindOption::Cmucam2, &["baud=1200".to_owned()], 1200).unwrap();
         let mut wire = wire.lock().unwrap();
         let begin = wire.now();
         wire.write(b"\rGV\r").unwrap();
@@ -231,7 +230,7 @@ mod tests {
             ("heard=\\q", "follows"),
             ("heard=\\x4", "hexadecimal"),
         ] {
-            let Err(error) = wire(false, &[option.to_owned()], 9600) else {
+            let Err(error) = wire(KindOption::Cmucam2, &[option.to_owned()], 9600) else {
                 panic!("{option} was taken")
             };
             let error = format!("{error:#}");

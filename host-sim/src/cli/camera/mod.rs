@@ -18,6 +18,7 @@ use cmucam2_emulator::{
     BAUD_RATES, Background, Configuration, Emulator, FaultRates, Note, Scene, SceneError, Sensor,
     Setting, Switches, Time,
 };
+use pixy_emulator::Model;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 use self::{carried::Carried, film::Film, line::Line};
@@ -27,9 +28,9 @@ mod carried;
 pub(super) mod emulated;
 mod film;
 mod line;
-mod pixy2;
+mod pixy;
 
-/// A CMUcam2 or a Pixy2 on a pseudo-terminal or a serial port, for any program or board that talks to one.
+/// A CMUcam2, a Pixy or an OpenMV Cam on a pseudo-terminal or a serial port, for any program or board that talks to one.
 ///
 /// It answers to the commands of the camera and sees a moving scene, or video of any camera. A
 /// program opens PATH like a serial port; the rate that it sets there must be the camera's, or both
@@ -44,7 +45,7 @@ pub(super) struct Arguments {
     /// A real serial port on whose line the camera is, such as /dev/serial0.
     #[arg(long, value_name = "DEVICE")]
     port: Option<String>,
-    /// Scene that the camera sees [default: an orange ball, held in front of a grey room].
+    /// Scene that the camera sees [default: an orange ball or tag 0, held in front of a grey room].
     #[arg(long, value_name = "FILE.toml", conflicts_with = "video")]
     scene: Option<PathBuf>,
     /// Video that the camera sees, as YUV4MPEG2; `-` is the standard input. See below.
@@ -53,11 +54,11 @@ pub(super) struct Arguments {
     /// Model of the camera.
     #[arg(long, value_enum, default_value_t)]
     kind: KindOption,
-    /// A colour that a Pixy2 was taught, signature 1 first; may be repeated.
+    /// A colour that a Pixy or an OpenMV Cam was taught, signature 1 first; may be repeated.
     #[arg(long, value_name = "R,G,B", default_value = "225,110,35")]
-    taught: Vec<pixy2::Taught>,
-    /// The rate that the camera's jumpers select [default: 115200], or that was set in a Pixy2
-    /// [default: 19200].
+    taught: Vec<pixy::Taught>,
+    /// The rate that the camera's jumpers select [default: 115200], or that was set in another
+    /// camera [default: 19200].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     baud: Option<u32>,
     /// Understand the other program whatever rate it sets.
@@ -83,13 +84,35 @@ pub(super) struct Arguments {
     verbose: bool,
 }
 
+/// Model of a camera.
 #[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
-enum KindOption {
+pub(super) enum KindOption {
     /// 88 or 160 columns, colours are learnt by command.
     #[default]
     Cmucam2,
     /// 316 columns, colours were taught beforehand.
     Pixy2,
+    /// The original: 320 columns; streams.
+    Pixy,
+    /// An OpenMV Cam with `pixy_uart_emulation.py`: 320 columns; streams.
+    #[value(name = "openmv")]
+    OpenMv,
+    /// An OpenMV Cam with `apriltags_pixy_uart_emulation.py`: 160 columns; streams tags.
+    #[value(name = "openmv-tags")]
+    OpenMvTags,
+}
+
+impl KindOption {
+    /// The emulator's model, of all but a CMUcam2.
+    const fn model(self) -> Option<Model> {
+        match self {
+            Self::Cmucam2 => None,
+            Self::Pixy2 => Some(Model::Pixy2),
+            Self::Pixy => Some(Model::Pixy),
+            Self::OpenMv => Some(Model::OpenMv),
+            Self::OpenMvTags => Some(Model::OpenMvTags),
+        }
+    }
 }
 
 #[derive(Clone, Copy, Default, ValueEnum)]
@@ -138,7 +161,7 @@ Scenes (--scene FILE.toml):
                       the pan servo turns it
   [background]        plain = COLOUR, or gradient = { top, bottom }, or
                       blocks = { columns, rows, colours }
-  [[object]]          from back to front: colour, shape (\"disc\" or \"box\"), repeat, and stops,
+  [[object]]          from back to front: colour, shape (\"disc\", \"box\" or { tag = N }), repeat, and stops,
                       each with at (seconds) and one of
                         picture = [x, y], size                 fractions of the picture
                         bearing_deg, elevation_deg, size_deg   positive to the left and upwards
@@ -162,6 +185,7 @@ Examples:
   host-sim camera --pty cmucam --baud 38400 --fault nck=0.02 --fault corrupt_line=0.2
   host-sim camera --pty cmucam --switch origin=0 --switch bounds_order=1
   host-sim camera --kind pixy2 --pty pixy
+  host-sim camera --kind openmv-tags --pty openmv
   host-sim camera --port /dev/serial0 --baud 38400 --video room.y4m";
 
 const SECOND: Time = 1_000_000_000;
@@ -180,8 +204,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let power = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&power))?;
     let film = arguments.video.as_deref().map(Film::open).transpose()?;
-    if arguments.kind == KindOption::Pixy2 {
-        pixy2::run(arguments, scene, film.as_ref(), (&stop, &power))?;
+    if let Some(model) = arguments.kind.model() {
+        pixy::run(arguments, model, scene, film.as_ref(), (&stop, &power))?;
         return Ok(ExitCode::SUCCESS);
     }
     let line = arguments.line()?;
@@ -207,7 +231,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 impl Arguments {
     fn configuration(&self) -> anyhow::Result<Configuration> {
         ensure!(
-            self.kind == KindOption::Pixy2 || BAUD_RATES.contains(&self.baud()),
+            self.kind != KindOption::Cmucam2 || BAUD_RATES.contains(&self.baud()),
             "--baud {}: a CMUcam2 knows {}",
             self.baud(),
             BAUD_RATES.map(|rate| rate.to_string()).join(", ")
@@ -241,7 +265,7 @@ impl Arguments {
     fn baud(&self) -> u32 {
         self.baud.unwrap_or(match self.kind {
             KindOption::Cmucam2 => 115_200,
-            KindOption::Pixy2 => pixy2::BAUD,
+            _ => pixy::BAUD,
         })
     }
 
@@ -285,7 +309,12 @@ impl Arguments {
             return Ok(Scene::default());
         }
         let Some(path) = &self.scene else {
-            return Ok(self.scene_of(USUAL_SCENE, sensor)?);
+            let usual = match self.kind {
+                // Its script finds no balls.
+                KindOption::OpenMvTags => &USUAL_SCENE.replace("\"disc\"", "{ tag = 0 }"),
+                _ => USUAL_SCENE,
+            };
+            return Ok(self.scene_of(usual, sensor)?);
         };
         let name = path.display();
         let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
@@ -298,9 +327,9 @@ impl Arguments {
 
 impl Arguments {
     fn scene_of(&self, text: &str, sensor: Sensor) -> Result<Scene, SceneError> {
-        match self.kind {
-            KindOption::Cmucam2 => Scene::from_toml(text, sensor),
-            KindOption::Pixy2 => Scene::of_frame(text, pixy2_emulator::FRAME_SIZE, 1.0),
+        match self.kind.model() {
+            None => Scene::from_toml(text, sensor),
+            Some(model) => Scene::of_frame(text, model.size(), 1.0),
         }
     }
 }

@@ -22,10 +22,10 @@ pub(super) struct Options {
     #[arg(long, value_name = "DBM", allow_hyphen_values = true)]
     tx_power: Option<i8>,
 
-    /// Model of its camera: `cmucam2`, unless said, or `pixy2`.
-    #[arg(long, value_name = "CAMERA", help_heading = "Camera", value_parser = ["cmucam2", "pixy2"])]
+    /// Model of its camera: `cmucam2`, unless said, or one of the others.
+    #[arg(long, value_name = "CAMERA", help_heading = "Camera", value_parser = ["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"])]
     kind: Option<String>,
-    /// Number of colours that a Pixy2 was taught, 1 to 4: signature 1 is target colour 0.
+    /// Number of colours that a Pixy or an OpenMV Cam was taught, 1 to 4: signature 1 is target colour 0.
     #[arg(long, value_name = "N", help_heading = "Camera", conflicts_with_all = ["colour", "motion"])]
     signatures: Option<u8>,
     /// Columns of the lens: 88, or 160 with the OV7620.

@@ -11,6 +11,7 @@ use node_firmware::{
     message::{Duty, Reference},
     vision::{ColourWindow, Lens},
 };
+use pixy_driver::Model;
 use zigbee_link::security::Protection;
 
 const KEY: &str = "--site-key=site.sitekey";
@@ -144,11 +145,14 @@ fn a_node_with_a_pixy2() {
         RoleConfig::Camera(camera) => camera,
         other => panic!("{other:?}"),
     };
-    assert_eq!(camera(decode(&place, "page.bin")), CameraConfig::pixy2(1));
+    assert_eq!(
+        camera(decode(&place, "page.bin")),
+        CameraConfig::pixy(Model::Pixy2, 1)
+    );
     make(&["--signatures=2", "--baud=115200"]).ok();
     let expected = CameraConfig {
         baud: 115_200,
-        ..CameraConfig::pixy2(2)
+        ..CameraConfig::pixy(Model::Pixy2, 2)
     };
     assert_eq!(camera(decode(&place, "page.bin")), expected);
     make(&["--columns=88"]).fails("a Pixy2 has 316");

@@ -134,9 +134,9 @@ const SITE: &[Key] = &[
 
     key("camera.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("asked for; a rehearsal assumes 60"), Both, "Angle from the middle of the first column to that of the last one."),
     key("camera.projection", Choice(&["pin-hole", "equal-angle"]), Is("asked for; a rehearsal assumes that of the variant"), Both, "How directions are spread over the columns."),
-    key("camera.kind", Choice(&["cmucam2", "pixy2"]), Camera("kind"), Both, "Which camera it is. A Pixy2 is taught the targets' colours beforehand: the first colour of its network as its signature 1, and so on. `motion` is nothing to it."),
+    key("camera.kind", Choice(&["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"]), Camera("kind"), Both, "Which camera it is. A Pixy2 is taught the targets' colours beforehand: the first colour of its network as its signature 1, and so on. `motion` is nothing to it."),
     key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor of a CMUcam2: 88 columns or 160."),
-    key("camera.baud", OneOf(&BAUD_RATES), Is("38400; 19200 of a Pixy2"), Both, "Baud rate that a CMUcam2's jumpers select, or that was set in a Pixy2."),
+    key("camera.baud", OneOf(&BAUD_RATES), Is("38400; 19200 of others"), Both, "Baud rate that a CMUcam2's jumpers select, or that was set in another camera."),
     key("camera.model", Table, Is("the real lens"), Nodes, "The lens that nodes believe to have, where it is not the real one."),
     key("camera.field_of_view_sigma", Number(0.0, 0.5, " of the focal length"), Target("lens-sigma.focal"), Nodes, "Standard deviation of what is said of the lens: 0.02 by the sheet of that very lens. 0 promises that it is exact."),
     key("camera.principal_sigma", Number(0.0, 50.0, " columns"), Is("2"), Nodes, "Standard deviation of the column of the optical axis. 0 promises that it is exact."),

@@ -267,13 +267,15 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
     }
     let role = match common.role {
         RoleName::Camera => {
-            let is_pixy2 = table.get("kind").and_then(Value::as_str) == Some("pixy2");
-            let usual = if is_pixy2 {
-                CameraConfig::pixy2(1)
-            } else {
-                // Light differs: it is meant to be learnt anew at the site.
-                let colours = [usual_window()].into_iter().collect();
-                CameraConfig::new(LENS, Subjects::Colours(colours))
+            let kind = table.get("kind").cloned();
+            let kind: Option<CameraKind> = kind.and_then(|kind| kind.try_into().ok());
+            let usual = match kind.unwrap_or_default().model() {
+                Some(model) => CameraConfig::pixy(model, 1),
+                None => {
+                    // Light differs: it is meant to be learnt anew at the site.
+                    let colours = [usual_window()].into_iter().collect();
+                    CameraConfig::new(LENS, Subjects::Colours(colours))
+                }
             };
             let own: CameraConfig = parameters(common.role, &usual, table)?;
             let columns = own.lens.columns;

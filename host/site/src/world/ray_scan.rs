@@ -78,6 +78,7 @@ fn blob(view: &mut View, world: &World, camera: &Camera, index: usize, run: [usi
     let half_width = super::half_width(to.norm(), target.radius);
     let across = Extent::of_pixels(columns, [0.0, 0.0], lens.columns(), 1.0);
     view.patches.push(Patch {
+        target: Some(index),
         colour: Some(target.colour),
         shape: Shape::Box,
         extent: Extent {

@@ -48,7 +48,9 @@ pub struct View {
 /// A part of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
-    /// Colour of a target. `None`: the thing that hides a target here looks like the backdrop.
+    /// The target that is seen there.
+    pub target: Option<usize>,
+    /// Its colour. `None`: the thing that hides a target here looks like the backdrop.
     pub colour: Option<Rgb>,
     /// Its outline.
     pub shape: Shape,
@@ -66,6 +68,16 @@ impl View {
     /// Where it is in the picture, from back to front.
     pub fn patches(&self) -> &[Patch] {
         &self.patches
+    }
+
+    /// Gives targets that wear tags the outline of these, in a scene into which this view was put: `worn` tells the
+    /// number of a target's tag.
+    pub fn tag(&self, worn: impl Fn(usize) -> Option<u16>, objects: &mut [Object]) {
+        for (patch, object) in self.patches.iter().zip(objects) {
+            if let Some(number) = patch.target.and_then(&worn) {
+                object.shape = Shape::Tag(number);
+            }
+        }
     }
 
     /// Puts it into a scene, in place of all objects there. Obstacles have the colour of the
@@ -105,6 +117,7 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
             bottom: lens.down(-vertical),
         };
         view.patches.push(Patch {
+            target: Some(*index),
             colour: Some(world.targets[*index].colour),
             shape: Shape::Disc,
             extent,
@@ -119,6 +132,7 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
             };
             if cover.left < cover.right {
                 view.patches.push(Patch {
+                    target: None,
                     colour: None,
                     shape: Shape::Box,
                     extent: cover,

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     limits::{COLOURS_MAX, CONSOLE_BAUD, REFERENCE_STOPS, STOPS_WANTED},
-    vision::{CameraKind, ColourWindow, Lens, LensError, pixy2},
+    vision::{CameraKind, ColourWindow, Lens, LensError},
 };
 
 /// A configuration in which everything is in its range, and the values that follow from it: a node runs on
@@ -150,7 +150,7 @@ pub enum ConfigError {
     Colours,
     /// The threshold of frame differencing is not 1 to 224.
     Threshold,
-    /// Signatures of a camera that has none, none of one that has, or too many.
+    /// Signatures or tags of a camera that has none, none of one that has, or too many.
     Signatures,
     /// The position of a reference is not finite.
     ReferencePosition,
@@ -200,7 +200,10 @@ impl fmt::Display for ConfigError {
             Self::Allow => "allow must hold numbers of nodes, from 1, none of them twice",
             Self::JoinWindow => "join-window-s must be 0 to 600",
             Self::Lens(error) => return write!(f, "lens: {error}"),
-            Self::Columns => "lens: a CMUcam2 has at most 255 columns, a Pixy2 has 316",
+            Self::Columns => {
+                "lens: a CMUcam2 has at most 255 columns, a Pixy2 has 316, a Pixy or an OpenMV 320, or 160 with its \
+                 script for tags"
+            }
             Self::Baud => "baud must be one of 115200, 57600, 38400, 19200, 9600, 4800, 2400, 1200",
             Self::FirstColumn => "first-column must be 0 or 1",
             Self::Colours => {
@@ -208,8 +211,8 @@ impl fmt::Display for ConfigError {
             }
             Self::Threshold => "subjects: the threshold must be 1 to 224",
             Self::Signatures => {
-                "subjects: a Pixy2 looks for 1 to 4 signatures that it was taught, and only a Pixy2 \
-                 does"
+                "subjects: only a Pixy2, a Pixy or an OpenMV looks for signatures, 1 to 4 that it was taught, and \
+                 for nothing else; only an OpenMV with its script for tags looks for tags"
             }
             Self::ReferencePosition => "reference: the position must be two finite numbers",
             Self::Baseline => "baseline must be above 0, or left out if it is not known",
@@ -330,12 +333,20 @@ impl CameraConfig {
                 (1..=COLOURS_MAX).contains(&usize::from(*taught)),
                 ConfigError::Signatures,
             ),
+            Subjects::Tags => (true, ConfigError::Signatures),
         };
         let columns = self.lens.columns;
         let is_taught = matches!(self.subjects, Subjects::Signatures(_));
-        let (columns_fit, subjects_fit) = match self.kind {
-            CameraKind::Cmucam2 => (columns <= 255, !is_taught),
-            CameraKind::Pixy2 => (columns == pixy2::COLUMNS, is_taught),
+        let sees_tags = matches!(self.subjects, Subjects::Tags);
+        let (columns_fit, subjects_fit) = match self.kind.model() {
+            None => (columns <= 255, !is_taught && !sees_tags),
+            Some(model) => (
+                columns == model.size()[0],
+                match self.kind {
+                    CameraKind::OpenMvTags => sees_tags,
+                    _ => is_taught,
+                },
+            ),
         };
         let fewest = if self.baseline.is_some() && self.frame_heading_deg.is_some() {
             2

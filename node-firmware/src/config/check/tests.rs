@@ -1,5 +1,7 @@
 use std::string::ToString;
 
+use pixy_driver::Model;
+
 use super::*;
 use crate::{
     config::{
@@ -122,9 +124,27 @@ fn cameras() {
         with_camera(|c| c.subjects = Subjects::Motion { threshold: 0 }),
         Err(E::Threshold)
     );
-    // A CMUcam2 has no signatures, a Pixy2 nothing else; its frame has one width.
+    // A CMUcam2 has no signatures, the Pixy family nothing else; its frames have one width each.
+    for model in [Model::Pixy2, Model::Pixy, Model::OpenMv, Model::OpenMvTags] {
+        let with = |change: fn(&mut CameraConfig)| {
+            let mut camera = CameraConfig::pixy(model, 2);
+            change(&mut camera);
+            node(RoleConfig::Camera(camera)).check().map(drop)
+        };
+        assert_eq!(with(|_| ()), Ok(()));
+        assert_eq!(with(|c| c.lens.columns -= 1), Err(E::Columns));
+        assert!(with(|c| c.kind = CameraKind::Cmucam2).is_err());
+        let tags = with(|c| c.subjects = Subjects::Tags);
+        let signatures = with(|c| c.subjects = Subjects::Signatures(1));
+        let sees_tags = model == Model::OpenMvTags;
+        assert_eq!((tags.is_ok(), signatures.is_ok()), (sees_tags, !sees_tags));
+    }
+    assert_eq!(
+        with_camera(|c| c.subjects = Subjects::Tags),
+        Err(E::Signatures)
+    );
     let pixy2 = |change: fn(&mut CameraConfig)| {
-        let mut camera = CameraConfig::pixy2(1);
+        let mut camera = CameraConfig::pixy(Model::Pixy2, 1);
         change(&mut camera);
         node(RoleConfig::Camera(camera)).check().map(drop)
     };
@@ -132,7 +152,7 @@ fn cameras() {
     for taught in [0, 5] {
         assert_eq!(
             with_camera(|c| {
-                let pixy2 = CameraConfig::pixy2(taught);
+                let pixy2 = CameraConfig::pixy(Model::Pixy2, taught);
                 (c.kind, c.lens, c.subjects) = (pixy2.kind, pixy2.lens, pixy2.subjects);
             }),
             Err(E::Signatures)

@@ -36,26 +36,45 @@ pub mod kind {
 /// Signatures whose blobs are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Signatures(u8);
+pub struct Signatures {
+    /// Bit 0 stands for signature 1, bit 7 for colour codes.
+    map: u8,
+    /// The only colour code; 0: all.
+    code: u16,
+}
 
 impl Signatures {
     /// All seven, and colour codes.
-    pub const ALL: Self = Self(0xFF);
+    pub const ALL: Self = Self { map: 0xFF, code: 0 };
 
     /// One of 1 to 7; anything else stands for all.
     pub const fn one(signature: u8) -> Self {
         match signature {
-            1..=7 => Self(1 << (signature - 1)),
+            1..=7 => Self {
+                map: 1 << (signature - 1),
+                code: 0,
+            },
             _ => Self::ALL,
         }
     }
 
-    /// Returns true if a block of this signature is asked for. The uppermost bit stands for colour codes.
+    /// One colour code, from 8; anything less stands for all colour codes.
+    pub const fn code(signature: u16) -> Self {
+        let code = if signature < 8 { 0 } else { signature };
+        Self { map: 0x80, code }
+    }
+
+    /// The tag of this number, as OpenMV's script tells it: a colour code.
+    pub const fn tag(number: u16) -> Self {
+        Self::code(number.saturating_add(8))
+    }
+
+    /// Returns true if a block of this signature is asked for.
     pub(crate) const fn has(self, signature: u16) -> bool {
         match signature {
             0 => false,
-            1..=7 => self.0 >> (signature - 1) & 1 != 0,
-            _ => self.0 & 0x80 != 0,
+            1..=7 => self.map >> (signature - 1) & 1 != 0,
+            _ => self.map & 0x80 != 0 && (self.code == 0 || self.code == signature),
         }
     }
 }
@@ -108,7 +127,7 @@ impl Request {
         let (kind, [first, second], len) = match self {
             Self::Version => (0x0E, [0; 2], 0),
             Self::Resolution => (0x0C, [0; 2], 1),
-            Self::Blocks { of, most } => (0x20, [of.0, most], 2),
+            Self::Blocks { of, most } => (0x20, [of.map, most], 2),
             Self::Brightness(level) => (0x10, [level, 0], 1),
             Self::Lamp { upper, lower } => (0x16, [u8::from(upper), u8::from(lower)], 2),
             Self::FramesPerSecond => (0x18, [0; 2], 0),
@@ -279,8 +298,8 @@ mod tests {
             assert_eq!(request.encode().as_bytes(), bytes);
         }
         assert_eq!(
-            (Signatures::one(7), Signatures::one(8)),
-            (Signatures(64), Signatures::ALL)
+            (Signatures::one(7).map, Signatures::one(8)),
+            (64, Signatures::ALL)
         );
         let all = Request::Blocks {
             of: Signatures::ALL,

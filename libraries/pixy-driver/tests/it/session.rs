@@ -4,8 +4,8 @@
 use std::{cell::RefCell, collections::VecDeque, convert::Infallible, rc::Rc};
 
 use embassy_futures::block_on;
-use pixy2_driver::{
-    Block, Error, Pixy2,
+use pixy_driver::{
+    Block, Error, Model, Pixy,
     packet::{Request, Signatures},
     session::{Answer, Fault, Policy, Session, Version},
 };
@@ -163,9 +163,9 @@ impl embedded_hal_async::delay::DelayNs for Delay {
     }
 }
 
-fn camera() -> (Pixy2<Line, Delay>, Line) {
+fn camera() -> (Pixy<Line, Delay>, Line) {
     let line = Line::default();
-    (Pixy2::new(line.clone(), Delay), line)
+    (Pixy::new(Model::Pixy2, line.clone(), Delay), line)
 }
 
 const BALL: [u8; 14] = [1, 0, 0x2C, 0x01, 100, 0, 21, 0, 20, 0, 0, 0, 7, 255];
@@ -278,7 +278,7 @@ proptest! {
     /// After any bytes, every request ends in bounded time, and the next one is answered.
     #[test]
     fn no_input_breaks_it(chunks in prop::collection::vec((any::<Vec<u8>>(), 0..60_000_u64), 0..40)) {
-        let mut session = Session::new(Policy::default());
+        let mut session = Session::new(Model::Pixy2, Policy::default());
         session.begin(Request::Blocks { of: Signatures::ALL, most: 4 }, 0);
         let mut now = 0;
         for (bytes, later) in chunks {

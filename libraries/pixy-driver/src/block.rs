@@ -11,19 +11,19 @@ pub const BLOCK_BYTES: usize = 14;
 pub struct Block {
     /// 1 to 7; above, the digits of a colour code in octal.
     pub signature: u16,
-    /// Middle, column from 0, cut to a whole one: 0 to 315.
+    /// Middle, column from 0: of its box, cut to a whole one. OpenMV: of its mass, or of the tag.
     pub x: u16,
-    /// Middle, row from 0 at the top: 0 to 207.
+    /// Middle, row from 0 at the top.
     pub y: u16,
     /// Columns.
     pub width: u16,
     /// Rows.
     pub height: u16,
-    /// Angle of a colour code, degrees: -180 to 180. Otherwise 0.
+    /// Angle of a colour code or tag, degrees: -180 to 360. Otherwise 0.
     pub angle: i16,
-    /// The same blob has the same number from frame to frame.
+    /// The same blob has the same number from frame to frame. Only a Pixy2 tells it.
     pub index: u8,
-    /// Frames for which it was followed, at most 255.
+    /// Frames for which it was followed, at most 255. Only a Pixy2 tells it.
     pub age: u8,
 }
 
@@ -40,6 +40,14 @@ impl Block {
             index: *bytes.get(12)?,
             age: *bytes.get(13)?,
         })
+    }
+
+    /// The sum that a stream tells before it.
+    pub(crate) fn sum(&self) -> u16 {
+        let angle = self.angle.cast_unsigned();
+        let numbers = [self.x, self.y, self.width, self.height, angle];
+        let all = numbers.into_iter();
+        all.fold(self.signature, u16::wrapping_add)
     }
 
     /// The leftmost column, as the camera has made `x` of it: the middle is cut.

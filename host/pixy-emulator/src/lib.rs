@@ -1,16 +1,16 @@
-//! A Pixy2 that any program can talk to over its UART.
+//! Cameras of the Pixy family that any program can talk to over their UART.
 //!
 //! [`Emulator`] is the camera at the level of bytes, as [`cmucam2_emulator::Emulator`] is a CMUcam2. It has no
 //! clock and no thread: bytes sent to it go in with their times, and its own bytes come out with the times at
 //! which their stop bits are over. It sees the same [`Scene`]s, and shares no code with a driver. Facts are those
-//! of the maker's firmware (`charmedlabs/pixy2`).
+//! of the makers' firmware (`charmedlabs/pixy2`, `charmedlabs/pixy`, scripts of `openmv/openmv`).
 //!
 //! | module | job |
 //! |---|---|
 //! | here | Power, frames and answers |
 //! | [`wire`] | Packets, and bytes with their times |
 //! | [`note`] | Requests and their answers, for who watches |
-//! | [`sight`] | Which units of a frame have a signature's colour, and the blobs of these |
+//! | [`sight`] | Which units of a frame have a signature's colour, and the blobs of these; tags |
 //!
 //! # Decided here
 //! - It needs two seconds to start, and says nothing before. Then it says that it is busy until its
@@ -21,6 +21,10 @@
 //!   sides. White balance is set by the light in which it starts, and stays; exposure follows the light.
 //! - It has one program, `color_connected_components`, and servos that are not seen. What other programs
 //!   answer, such as `getRGB`, is "unsupported".
+//! - A camera that streams takes a picture only when all of the one before is sent. The original Pixy tells two zero
+//!   words for a picture in which it sees nothing. Commands for servos, lamp and brightness do nothing.
+//! - A tag is found if it is whole in view, nothing before it hides any of it, and it is 10 columns wide or more. Its
+//!   middle is exact but for rounding. Its angle is told as 0.
 
 pub mod note;
 pub mod sight;
@@ -32,7 +36,7 @@ use std::collections::VecDeque;
 
 use self::{
     note::Note,
-    sight::{Found, Seen},
+    sight::Found,
     wire::{Request, Wire},
 };
 
@@ -44,13 +48,47 @@ pub type Time = cmucam2_emulator::Time;
 const SECOND: Time = 1_000_000_000;
 /// Time from power-up to the first answer.
 const START: Time = 2 * SECOND;
-/// 60 frames a second.
-const FRAME: Time = SECOND / 60;
 /// Time from a request to its answer.
 const THINKS: Time = 100_000;
 
-/// Columns and rows in which blobs are told.
-pub const FRAME_SIZE: [u16; 2] = [316, 208];
+/// Columns and rows in which a Pixy2 tells blobs.
+pub const FRAME_SIZE: [u16; 2] = Model::Pixy2.size();
+
+/// Model of a camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Model {
+    /// Answers requests.
+    #[default]
+    Pixy2,
+    /// The first Pixy: streams.
+    Pixy,
+    /// An OpenMV Cam with `pixy_uart_emulation.py`.
+    OpenMv,
+    /// An OpenMV Cam with `apriltags_pixy_uart_emulation.py`.
+    OpenMvTags,
+}
+
+impl Model {
+    /// Columns and rows in which blobs are told.
+    pub const fn size(self) -> [u16; 2] {
+        match self {
+            Self::Pixy2 => [316, 208],
+            Self::Pixy => [320, 200],
+            Self::OpenMv => [320, 240],
+            Self::OpenMvTags => [160, 120],
+        }
+    }
+
+    /// Time from picture to picture.
+    const fn frame(self) -> Time {
+        match self {
+            Self::Pixy2 => SECOND / 60,
+            Self::Pixy => SECOND / 50,
+            Self::OpenMv => SECOND / 30,
+            Self::OpenMvTags => SECOND / 15,
+        }
+    }
+}
 
 /// Signatures there are.
 pub const SIGNATURES: usize = 7;
@@ -58,11 +96,13 @@ pub const SIGNATURES: usize = 7;
 /// Set-up of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
-    /// The rate that is set in `PixyMon`, bits per second. As it is shipped: 19,200.
+    /// Its model.
+    pub model: Model,
+    /// The rate that is set in `PixyMon` or the script, bits per second. As it is shipped: 19,200.
     pub baud: u32,
     /// The colours that it was taught, signature 1 first, [`SIGNATURES`] at most.
     pub signatures: Vec<Rgb>,
-    /// Shares of requests and of answers in which one byte is another one.
+    /// Shares of requests, and of answers or pictures, in which one byte is another one.
     pub corrupt_line: f64,
     /// Seed of noise and faults.
     pub seed: u64,
@@ -74,6 +114,7 @@ impl Default for Configuration {
     /// As it is shipped, and taught an orange ball.
     fn default() -> Self {
         Self {
+            model: Model::default(),
             baud: 19_200,
             signatures: vec![[230, 105, 35]],
             corrupt_line: 0.0,
@@ -104,6 +145,8 @@ pub struct Emulator {
     wire: Wire,
     sight: sight::Sight,
     powered: Time,
+    /// Number of the picture that a streaming camera takes next; 0 is that of its start.
+    next_picture: u64,
     /// The last frame whose blobs were told.
     told: Option<u64>,
     /// Number of frames in a row in which each signature was seen.
@@ -120,10 +163,15 @@ impl Emulator {
                 configuration.corrupt_line,
                 configuration.seed,
             ),
-            sight: sight::Sight::new(&configuration.signatures, configuration.seed),
+            sight: sight::Sight::new(
+                configuration.model,
+                &configuration.signatures,
+                configuration.seed,
+            ),
             configuration,
             scene,
             powered: 0,
+            next_picture: 0,
             told: None,
             ages: [0; SIGNATURES],
             notes: VecDeque::new(),
@@ -139,11 +187,15 @@ impl Emulator {
     pub fn power_cycle(&mut self, now: Time) {
         let seed = self.configuration.seed ^ now;
         let Configuration {
-            baud, corrupt_line, ..
+            model,
+            baud,
+            corrupt_line,
+            ..
         } = self.configuration;
         self.wire = Wire::new(baud, corrupt_line, seed);
-        self.sight = sight::Sight::new(&self.configuration.signatures, seed);
+        self.sight = sight::Sight::new(model, &self.configuration.signatures, seed);
         (self.powered, self.told) = (now, None);
+        self.next_picture = 0;
         self.ages = [0; SIGNATURES];
     }
 
@@ -155,6 +207,9 @@ impl Emulator {
 
     /// A byte that the host sent, at the time of its stop bit.
     pub fn receive(&mut self, byte: u8, at: Time) {
+        if self.configuration.model != Model::Pixy2 {
+            return;
+        }
         let is_started = at >= self.powered + START;
         let Some(request) = self.wire.receive(byte) else {
             return;
@@ -202,12 +257,12 @@ impl Emulator {
 
     /// The blobs of the newest frame; `None` if they were told already.
     fn blocks(&mut self, of: u8, most: u8, at: Time) -> Option<Vec<u8>> {
-        let frame = (at - self.powered - START) / FRAME;
+        let frame = (at - self.powered - START) / self.configuration.model.frame();
         if frame == 0 || self.told == Some(frame) {
             return None;
         }
         self.told = Some(frame);
-        let Seen { blobs } = self.sight.look(&self.scene, at, frame);
+        let blobs = self.sight.look(&self.scene, at, frame);
         for (index, age) in self.ages.iter_mut().enumerate() {
             let is_seen = blobs
                 .iter()
@@ -224,16 +279,8 @@ impl Emulator {
 
     /// A blob as it is told: 14 bytes.
     fn block(&self, found: &Found) -> [u8; 14] {
-        let [left, top, right, bottom] = found.edges;
-        let (width, height) = (right - left, bottom - top);
-        let numbers = [
-            u16::from(found.signature),
-            left + width / 2,
-            top + height / 2,
-            width,
-            height,
-            0,
-        ];
+        let ([x, y], [width, height]) = (found.middle(), found.size());
+        let numbers = [u16::from(found.signature), x, y, width, height, 0];
         let mut bytes = [0; 14];
         for (place, byte) in bytes.iter_mut().zip(numbers.map(u16::to_le_bytes).concat()) {
             *place = byte;
@@ -243,14 +290,70 @@ impl Emulator {
         bytes
     }
 
+    /// Time at which a camera that streams takes its next picture.
+    pub fn next_picture(&self) -> Option<Time> {
+        let model = self.configuration.model;
+        let at = self.powered + START + self.next_picture * model.frame();
+        (model != Model::Pixy2).then_some(at)
+    }
+
+    /// Takes the pictures that are due until now.
+    pub fn advance(&mut self, now: Time) {
+        while let Some(at) = self.next_picture().filter(|&at| at <= now) {
+            self.next_picture += 1;
+            if self.wire.is_free(at) {
+                let words = self.picture(at);
+                let bytes = words.into_iter().flat_map(u16::to_le_bytes);
+                self.wire.send_bytes(at, bytes.collect());
+            }
+        }
+    }
+
+    /// The words of a picture.
+    fn picture(&mut self, at: Time) -> Vec<u16> {
+        let model = self.configuration.model;
+        let blocks: Vec<(u16, Vec<u16>)> = if model == Model::OpenMvTags {
+            let tags = sight::tags(&self.scene, at, model.size()).into_iter();
+            let code = |[number, x, y, width, height]: [u16; 5]| {
+                (0xAA56, vec![number + 8, x, y, width, height, 0])
+            };
+            tags.map(code).collect()
+        } else {
+            let blobs = self.sight.look(&self.scene, at, self.next_picture);
+            let block = |found: &Found| {
+                let ([x, y], [width, height]) = match model {
+                    Model::OpenMv => (found.centroid(), found.box_size()),
+                    _ => (found.middle(), found.size()),
+                };
+                (0xAA55, vec![found.signature.into(), x, y, width, height])
+            };
+            blobs.iter().map(block).collect()
+        };
+        let mut words = Vec::new();
+        // Both syncs follow one another.
+        words.extend((!blocks.is_empty()).then_some(0xAA55));
+        for (sync, numbers) in &blocks {
+            let sum = numbers.iter().copied().fold(0, u16::wrapping_add);
+            words.extend([*sync, sum].iter().chain(numbers));
+        }
+        match model {
+            Model::Pixy if blocks.is_empty() => words.extend([0, 0]),
+            Model::Pixy | Model::Pixy2 => {}
+            Model::OpenMv | Model::OpenMvTags => words.push(0),
+        }
+        words
+    }
+
     /// The next byte that is sent until now, with its time.
     pub fn transmit(&mut self, now: Time) -> Option<(Time, u8)> {
+        self.advance(now);
         self.wire.transmit(now)
     }
 
-    /// Time when the next byte is sent.
+    /// Time when the next byte is sent, or the next picture taken.
     pub fn next_deadline(&self) -> Option<Time> {
-        self.wire.sent_at(1)
+        let times = self.wire.sent_at(1).into_iter();
+        times.chain(self.next_picture()).min()
     }
 
     /// Time when all that it sends without a pause is sent, or so many bytes of it.
@@ -262,6 +365,117 @@ impl Emulator {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A scene with a ball around the middle of column 100.5 and row 60 of a picture of that size, and two tags.
+    fn scene(size: [u16; 2]) -> Scene {
+        use cmucam2_emulator::{Extent, Object, Place, Shape};
+        let [columns, rows] = size.map(f64::from);
+        let at = |shape, x: f64, y: f64, across: f64| Object {
+            colour: [230, 105, 35],
+            shape,
+            place: Place::At(Extent::centred(
+                x / columns,
+                y / rows,
+                across / columns,
+                across / rows,
+            )),
+        };
+        Scene {
+            objects: vec![
+                at(Shape::Disc, 101.0, 60.5, 20.0),
+                at(Shape::Tag(5), 62.5, 41.0, 15.0),
+                at(Shape::Tag(7), 20.0, 41.0, 9.0),
+                at(Shape::Tag(2), 150.0, 100.0, 18.0),
+                at(Shape::Tag(9), 155.0, 20.0, 18.0),
+            ],
+            ..Scene::default()
+        }
+    }
+
+    fn words(camera: &mut Emulator, until: Time) -> Vec<u16> {
+        let bytes = std::iter::from_fn(|| camera.transmit(until)).map(|(_, byte)| byte);
+        let bytes: Vec<u8> = bytes.collect();
+        let (pairs, rest) = bytes.as_chunks::<2>();
+        assert!(rest.is_empty());
+        pairs.iter().copied().map(u16::from_le_bytes).collect()
+    }
+
+    /// By the table of the makers' protocol: two syncs, sum, signature, place and size; a zero word of OpenMV's.
+    #[test]
+    fn pictures_are_streamed_and_silence_is_zeros() {
+        for (model, nothing, picture) in [
+            (
+                Model::Pixy,
+                &[0, 0][..],
+                &[0xAA55, 0xAA55, 1 + 100 + 60 + 20 + 18, 1, 100, 60, 20, 18][..],
+            ),
+            (
+                Model::OpenMv,
+                &[0],
+                &[
+                    0xAA55,
+                    0xAA55,
+                    1 + 101 + 60 + 20 + 19,
+                    1,
+                    101,
+                    60,
+                    20,
+                    19,
+                    0,
+                ],
+            ),
+            (
+                Model::OpenMvTags,
+                &[0],
+                &[
+                    0xAA55,
+                    0xAA56,
+                    10 + 150 + 100 + 18 + 18,
+                    10,
+                    150,
+                    100,
+                    18,
+                    18,
+                    0, //
+                    0xAA56,
+                    13 + 62 + 41 + 15 + 15,
+                    13,
+                    62,
+                    41,
+                    15,
+                    15,
+                    0,
+                    0,
+                ],
+            ),
+        ] {
+            let configuration = Configuration {
+                model,
+                ..Configuration::default()
+            };
+            let mut camera = Emulator::new(configuration, Scene::default());
+            let first = camera.next_picture().unwrap();
+            assert_eq!(first, START);
+            let later = first + model.frame() - 1;
+            assert_eq!(words(&mut camera, later), nothing, "{model:?}");
+            let mut scene = scene(model.size());
+            if model != Model::OpenMvTags {
+                scene.objects.truncate(1);
+            }
+            *camera.scene_mut() = scene;
+            let later = first + 2 * model.frame() - 1;
+            assert_eq!(words(&mut camera, later), picture, "{model:?}");
+            // What hides a part of a tag hides it.
+            camera.receive(0xAE, later);
+            if model == Model::OpenMvTags {
+                let mut wall = camera.scene.objects[1].clone();
+                wall.shape = cmucam2_emulator::Shape::Box;
+                camera.scene_mut().objects.push(wall);
+                let later = later + model.frame();
+                assert_eq!(words(&mut camera, later).len(), picture.len() - 8);
+            }
+        }
+    }
 
     /// Type and payload of a request, and both of the answer that the maker's firmware gives.
     #[test]

@@ -10,6 +10,7 @@ use embassy_futures::select::{Either, select};
 
 use crate::{
     block::Block,
+    model::Model,
     packet::{Request, Signatures},
     session::{Answer, Fault, Policy, Session, Version},
 };
@@ -44,29 +45,34 @@ impl<E: fmt::Display> fmt::Display for Error<E> {
 
 impl<E: core::error::Error> core::error::Error for Error<E> {}
 
-/// A Pixy2 on a UART. It counts its own delays, and needs no clock.
+/// A camera of the family on a UART. It counts its own delays, and needs no clock.
 #[derive(Debug)]
-pub struct Pixy2<U, D> {
+pub struct Pixy<U, D> {
     uart: U,
     delay: D,
     session: Session,
     now: u64,
 }
 
-impl<U, D> Pixy2<U, D> {
+impl<U, D> Pixy<U, D> {
     /// Nothing is sent before the first call.
-    pub fn new(uart: U, delay: D) -> Self {
-        Self::with_policy(uart, delay, Policy::default())
+    pub fn new(model: Model, uart: U, delay: D) -> Self {
+        Self::with_policy(model, uart, delay, Policy::default())
     }
 
     /// The same with other times and counts.
-    pub fn with_policy(uart: U, delay: D, policy: Policy) -> Self {
+    pub fn with_policy(model: Model, uart: U, delay: D, policy: Policy) -> Self {
         Self {
             uart,
             delay,
-            session: Session::new(policy),
+            session: Session::new(model, policy),
             now: 0,
         }
+    }
+
+    /// The model that it was said to be.
+    pub fn model(&self) -> Model {
+        self.session.model()
     }
 
     /// The UART and the delay.
@@ -82,16 +88,12 @@ impl<U, D> Pixy2<U, D> {
     }
 }
 
-/// Gives bytes to the session; bytes after the answer are dropped.
+/// Gives bytes to the session; bytes after an answer are dropped, those of a stream are not.
 fn feed(session: &mut Session, now: u64, bytes: &[u8]) -> Option<Result<Answer, Fault>> {
     for &byte in bytes {
         session.receive(byte, now);
-        let outcome = session.outcome();
-        if outcome.is_some() {
-            return outcome;
-        }
     }
-    None
+    session.outcome()
 }
 
 /// So much time has passed.
@@ -120,7 +122,7 @@ fn resolution(answer: Answer) -> Option<(u16, u16)> {
     }
 }
 
-impl<U, D> Pixy2<U, D>
+impl<U, D> Pixy<U, D>
 where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
@@ -198,6 +200,12 @@ where
                             break outcome;
                         }
                     }
+                    // Streams overrun a UART that is not read all the time.
+                    Either::Second(Err(_)) if session.model().streams() => {
+                        session.damaged();
+                        pause.await;
+                        break passed(session, now, slice);
+                    }
                     Either::Second(Err(error)) => return Err(Error::Uart(error)),
                 }
             };
@@ -208,12 +216,12 @@ where
     }
 }
 
-impl<U, D> Pixy2<U, D>
+impl<U, D> Pixy<U, D>
 where
     U: embedded_io::Read + embedded_io::Write + embedded_io::ReadReady,
     D: embedded_hal::delay::DelayNs,
 {
-    /// [`Pixy2::version`], blocking.
+    /// [`Pixy::version`], blocking.
     ///
     /// # Errors
     /// [`Error`].
@@ -221,7 +229,7 @@ where
         taken(version(self.ask_wait(Request::Version)?))
     }
 
-    /// [`Pixy2::resolution`], blocking.
+    /// [`Pixy::resolution`], blocking.
     ///
     /// # Errors
     /// [`Error`].
@@ -229,7 +237,7 @@ where
         taken(resolution(self.ask_wait(Request::Resolution)?))
     }
 
-    /// [`Pixy2::blocks`], blocking.
+    /// [`Pixy::blocks`], blocking.
     ///
     /// # Errors
     /// [`Error`].
@@ -242,7 +250,7 @@ where
         Ok(self.session.blocks())
     }
 
-    /// [`Pixy2::ask`], blocking.
+    /// [`Pixy::ask`], blocking.
     ///
     /// # Errors
     /// [`Error`].
@@ -267,12 +275,18 @@ where
             }
             let outcome = if self.uart.read_ready().map_err(Error::Uart)? {
                 let mut chunk = [0; CHUNK];
-                let count = self.uart.read(&mut chunk).map_err(Error::Uart)?;
-                if count == 0 {
-                    return Err(Error::Closed);
-                }
-                let bytes = chunk.get(..count).unwrap_or_default();
-                let outcome = feed(&mut self.session, self.now, bytes);
+                let outcome = match self.uart.read(&mut chunk) {
+                    Ok(0) => return Err(Error::Closed),
+                    Ok(count) => {
+                        let bytes = chunk.get(..count).unwrap_or_default();
+                        feed(&mut self.session, self.now, bytes)
+                    }
+                    Err(_) if self.session.model().streams() => {
+                        self.session.damaged();
+                        None
+                    }
+                    Err(error) => return Err(Error::Uart(error)),
+                };
                 // Time must pass under chatter, too; this is less than the truth.
                 outcome.or_else(|| passed(&mut self.session, &mut self.now, 1))
             } else {

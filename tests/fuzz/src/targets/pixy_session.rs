@@ -1,7 +1,8 @@
 //! Any bytes at any times: no panic, every request ends in bounded time, and the next one is answered.
 
 use arbitrary::{Arbitrary, Unstructured};
-use pixy2_driver::{
+use pixy_driver::{
+    Model,
     packet::{Request, Signatures},
     session::{Answer, Policy, Session},
 };
@@ -21,7 +22,7 @@ pub(crate) fn run(input: &[u8]) {
             most: which / 8,
         },
     };
-    let mut session = Session::new(Policy::default());
+    let mut session = Session::new(Model::Pixy2, Policy::default());
     session.begin(request, 0);
     let mut now = 0;
     for (bytes, later) in chunks {

@@ -1,18 +1,24 @@
-//! A driver for the Pixy2 (`CMUcam5`), a camera that finds blobs of colours which it was taught, over its
-//! UART.
+//! A driver for cameras of the Pixy family over their UART: they find blobs of colours which they were taught, or
+//! tags. The Pixy2 answers requests; the original Pixy (`CMUcam5`), and an OpenMV Cam that emulates it, stream.
 //!
 //! | module | job |
 //! |---|---|
-//! | [`packet`] | Requests as bytes, and bytes as packets: synchronisation words, lengths, checksums |
+//! | [`model`] | The cameras: pictures, lenses and rates |
+//! | [`packet`] | Requests of a Pixy2 as bytes, and bytes as packets: synchronisation words, lengths, checksums |
+//! | [`stream`] | Blocks out of the bytes of the others |
 //! | [`block`] | The blobs of a frame |
 //! | [`session`] | The dialogue, sans-IO: bytes and times in, bytes and answers out |
-//! | [`device`] | [`Pixy2`], the session on an `embedded-io` UART, async or blocking |
+//! | [`device`] | [`Pixy`], the session on an `embedded-io` UART, async or blocking |
 //!
-//! # The device at the other end
+//! # The devices at the other end
 //! A Pixy2 whose data port is set to UART (`PixyMon`: Configure, Interface, "Data out port"), in the
 //! program `color_connected_components`. Its rate is set there too, 19200 by default: a request of one
 //! block and its answer then take 15 ms, of the 16 of a frame. Colours, "signatures" 1 to 7, are taught
 //! with its button or in `PixyMon`; that cannot be done over the UART, nor can exposure be fixed.
+//!
+//! An original Pixy, set likewise; or an OpenMV Cam that runs its maker's script `pixy_uart_emulation.py` or
+//! `apriltags_pixy_uart_emulation.py`. A UART that loses bytes while it is not read loses pictures of a stream, no
+//! more.
 //!
 //! Numbers are little-endian. The facts are those of the maker's public host library and firmware
 //! (`charmedlabs/pixy2`): types of packets, layouts, errors, and that all it sends over its UART has a
@@ -21,12 +27,12 @@
 //! # Example
 //! On a board, `uart` and `delay` come from its HAL.
 //! ```
-//! use pixy2_driver::{Error, Pixy2, packet::Signatures};
+//! use pixy_driver::{Error, Model, Pixy, packet::Signatures};
 //!
 //! # async fn board<U, D>(uart: U, delay: D, turn_towards: fn(u16)) -> Result<(), Error<U::Error>>
 //! # where U: embedded_io_async::Read + embedded_io_async::Write,
 //! #     D: embedded_hal_async::delay::DelayNs {
-//! let mut camera = Pixy2::new(uart, delay);
+//! let mut camera = Pixy::new(Model::Pixy2, uart, delay);
 //! camera.version().await?;
 //! loop {
 //!     // The largest first.
@@ -54,8 +60,11 @@
 
 pub mod block;
 pub mod device;
+pub mod model;
 pub mod packet;
 pub mod session;
+pub mod stream;
 
 pub use block::Block;
-pub use device::{Error, Pixy2};
+pub use device::{Error, Pixy};
+pub use model::Model;

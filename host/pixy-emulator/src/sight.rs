@@ -1,6 +1,6 @@
 //! Blobs as the firmware of the camera finds them.
 //!
-//! A row has 158 units of two columns. From left to right, the first core looks for two units in a row of one
+//! A row of a Pixy2 has 158 units of two columns, that of a Pixy 160. From left to right, the first core looks for two units in a row of one
 //! signature, notes the second of them, leaves out the next two, and looks on. The second core makes segments of
 //! the notes: from the unit before the first note to the one after the last one. So a row's last segment begins
 //! where its colour does, those before it a unit later, and all end by up to three units too early.
@@ -8,23 +8,44 @@
 //! Segments that touch from row to row are a blob. Its box reaches from the first to the last of their
 //! numbers and rows. Blobs of less than 20 units, or of two rows or less, are dropped; boxes of one
 //! signature that are near one another become one.
+//!
+//! An OpenMV Cam looks at every pixel of 320 x 240. Blobs of less than 10 pixels are dropped.
 
 use std::array;
 
-use cmucam2_emulator::{Background, Rgb, Scene};
+use cmucam2_emulator::{Background, Patch, Rgb, Scene, Shape};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{SIGNATURES, Time};
+use super::{Model, SIGNATURES, Time};
 
 /// Largest difference of chromaticities from the taught colour: differences of two channels as shares of the sum
 /// of all.
 pub const TOLERANCE: f64 = 0.1;
 
-const UNITS: usize = 158;
-const ROWS: usize = 208;
-/// Columns of a unit.
-const UNIT: u16 = 2;
+/// Columns and rows of units, columns of a unit, and true if all of them are looked at.
+#[derive(Clone, Copy, Debug)]
+struct Raster {
+    units: usize,
+    rows: usize,
+    unit: u16,
+    is_exact: bool,
+}
+
+impl Raster {
+    const fn of(model: Model) -> Self {
+        let [columns, rows] = model.size();
+        let is_exact = matches!(model, Model::OpenMv | Model::OpenMvTags);
+        let unit = if is_exact { 1 } else { 2 };
+        Self {
+            units: (columns / unit) as usize,
+            rows: rows as usize,
+            unit,
+            is_exact,
+        }
+    }
+}
+
 /// Units that are left out after a note.
 const LEFT_OUT: usize = 2;
 /// Notes farther apart are of two segments.
@@ -32,6 +53,10 @@ const GAP: usize = 5;
 /// A darker sum of all channels has no colour.
 const DARK: f64 = 45.0;
 const LEAST_AREA: usize = 20;
+/// Of an OpenMV Cam, pixels.
+const LEAST_PIXELS: usize = 10;
+/// Columns and rows of the smallest tag that is found.
+const LEAST_TAG: f64 = 10.0;
 const LEAST_ROWS: usize = 2;
 /// Boxes nearer than that become one.
 const MERGED: u16 = 7;
@@ -43,6 +68,8 @@ pub struct Found {
     pub signature: u8,
     /// First column and row, and those where it is told to end.
     pub edges: [u16; 4],
+    /// Sum of the columns and of the rows of its pixels, and their number.
+    mass: [u64; 3],
 }
 
 impl Found {
@@ -50,13 +77,29 @@ impl Found {
         let [left, top, right, bottom] = self.edges.map(u32::from);
         (right - left) * (bottom - top)
     }
-}
 
-/// Content of a frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Seen {
-    /// The largest first.
-    pub blobs: Vec<Found>,
+    /// Columns and rows, as a Pixy tells them.
+    pub fn size(&self) -> [u16; 2] {
+        let [left, top, right, bottom] = self.edges;
+        [right - left, bottom - top]
+    }
+
+    /// The middle of its box, as a Pixy tells it.
+    pub fn middle(&self) -> [u16; 2] {
+        let ([left, top, ..], [width, height]) = (self.edges, self.size());
+        [left + width / 2, top + height / 2]
+    }
+
+    /// Columns and rows, both ends inside.
+    pub fn box_size(&self) -> [u16; 2] {
+        self.size().map(|length| length + 1)
+    }
+
+    /// The middle of its mass, rounded.
+    pub fn centroid(&self) -> [u16; 2] {
+        let [x, y, count] = self.mass;
+        [x, y].map(|sum| ((2 * sum + count) / (2 * count).max(1)) as u16)
+    }
 }
 
 /// Red less green, and blue less green, as shares of the sum.
@@ -68,6 +111,7 @@ fn chromaticity([red, green, blue]: [f64; 3]) -> Option<[f64; 2]> {
 /// Taught colours, and adaptation to the light.
 #[derive(Clone, Debug)]
 pub(crate) struct Sight {
+    raster: Raster,
     signatures: Vec<[f64; 2]>,
     /// Light in which it started, each channel as a multiple of the mean.
     white: Option<[f64; 3]>,
@@ -75,11 +119,12 @@ pub(crate) struct Sight {
 }
 
 impl Sight {
-    pub(crate) fn new(taught: &[Rgb], seed: u64) -> Self {
+    pub(crate) fn new(model: Model, taught: &[Rgb], seed: u64) -> Self {
         let colours = taught.iter().take(SIGNATURES);
         let none = [f64::NAN; 2];
         let signature = |colour: &Rgb| chromaticity(colour.map(f64::from)).unwrap_or(none);
         Self {
+            raster: Raster::of(model),
             signatures: colours.map(signature).collect(),
             white: None,
             random: ChaCha8Rng::seed_from_u64(seed),
@@ -94,8 +139,10 @@ impl Sight {
         Some(place as u8 + 1)
     }
 
-    /// Looks at a scene.
-    pub(crate) fn look(&mut self, scene: &Scene, at: Time, frame: u64) -> Seen {
+    /// Looks at a scene: its blobs, the largest first. Those of an original Pixy are to be told in turn of their
+    /// signatures.
+    pub(crate) fn look(&mut self, scene: &Scene, at: Time, frame: u64) -> Vec<Found> {
+        let Raster { units, rows, .. } = self.raster;
         // Exposure follows the light, white balance does not.
         let mean = scene.light.iter().sum::<f64>() / 3.0;
         let light = scene.light.map(|channel| channel / mean.max(1e-9));
@@ -109,9 +156,9 @@ impl Sight {
                 .signature(tinted(scene.background.colour(0.5, 0.5), tint))
                 .is_some();
         let mut segments = Vec::new();
-        let mut row_of = vec![0_u8; UNITS];
-        for row in 0..ROWS {
-            let y = (row as f64 + 0.5) / ROWS as f64;
+        let mut row_of = vec![0_u8; units];
+        for row in 0..rows {
+            let y = (row as f64 + 0.5) / rows as f64;
             let near = patches.iter().filter(|patch| {
                 let extent = patch.extent;
                 extent.top <= y && y < extent.bottom
@@ -120,9 +167,12 @@ impl Sight {
                 [from.min(patch.extent.left), to.max(patch.extent.right)]
             });
             let [from, to] = if sees_all { [0.0, 1.0] } else { bounds };
+            if from >= to {
+                continue;
+            }
             row_of.fill(0);
             for (unit, signature) in row_of.iter_mut().enumerate() {
-                let x = (unit as f64 + 0.5) / UNITS as f64;
+                let x = (unit as f64 + 0.5) / units as f64;
                 if x < from || x >= to {
                     continue;
                 }
@@ -142,11 +192,61 @@ impl Sight {
                 }
                 *signature = self.signature(colour).unwrap_or(0);
             }
-            segment(&row_of, row, &mut segments);
+            if self.raster.is_exact {
+                runs(&row_of, row, &mut segments);
+            } else {
+                segment(&row_of, row, &mut segments);
+            }
         }
-        let mut blobs = connected(&segments);
+        let mut blobs = connected(&segments, self.raster);
         blobs.sort_by_key(|found| std::cmp::Reverse(found.area()));
-        Seen { blobs }
+        blobs
+    }
+}
+
+/// Tags that are found: number, middle and size, rounded; the largest first.
+pub(crate) fn tags(scene: &Scene, at: Time, size: [u16; 2]) -> Vec<[u16; 5]> {
+    let [columns, rows] = size.map(f64::from);
+    let patches: Vec<Patch> = scene.patches(at as f64 * 1e-9).collect();
+    let mut found = Vec::new();
+    for (place, patch) in patches.iter().enumerate() {
+        let Shape::Tag(number) = patch.shape else {
+            continue;
+        };
+        let e = patch.extent;
+        let [width, height] = [(e.right - e.left) * columns, (e.bottom - e.top) * rows];
+        let is_whole = e.left >= 0.0 && e.top >= 0.0 && e.right <= 1.0 && e.bottom <= 1.0;
+        let is_hidden = patches[place + 1..].iter().any(|nearer| {
+            let o = nearer.extent;
+            o.left < e.right && e.left < o.right && o.top < e.bottom && e.top < o.bottom
+        });
+        if is_whole && !is_hidden && width.min(height) >= LEAST_TAG {
+            let x = f64::midpoint(e.left, e.right) * columns - 0.5;
+            let y = f64::midpoint(e.top, e.bottom) * rows - 0.5;
+            let [x, y, width, height] = [x, y, width, height].map(|n| n.round() as u16);
+            found.push([number, x, y, width, height]);
+        }
+    }
+    found.sort_by_key(|[.., width, height]| {
+        std::cmp::Reverse(u32::from(*width) * u32::from(*height))
+    });
+    found
+}
+
+/// The segments of a row in which every unit is looked at.
+fn runs(units: &[u8], row: usize, segments: &mut Vec<Segment>) {
+    let mut from = 0;
+    for run in units.chunk_by(|a, b| a == b) {
+        let to = from + run.len() - 1;
+        if run[0] > 0 {
+            segments.push(Segment {
+                signature: run[0],
+                row,
+                from,
+                to,
+            });
+        }
+        from = to + 1;
     }
 }
 
@@ -202,7 +302,7 @@ fn segment(units: &[u8], row: usize, segments: &mut Vec<Segment>) {
 }
 
 /// Blobs of segments, which are in the order of their rows.
-fn connected(segments: &[Segment]) -> Vec<Found> {
+fn connected(segments: &[Segment], raster: Raster) -> Vec<Found> {
     // The blob of each segment: the first segment of it.
     let mut first: Vec<usize> = (0..segments.len()).collect();
     fn root(first: &[usize], mut at: usize) -> usize {
@@ -236,16 +336,32 @@ fn connected(segments: &[Segment]) -> Vec<Found> {
         let most = |of: fn(&Segment) -> usize| members().map(of).max().unwrap_or(0) as u16;
         let top = segments[start].row as u16;
         let bottom = most(|part| part.row);
-        if area < LEAST_AREA || usize::from(bottom - top) < LEAST_ROWS {
+        let is_small = if raster.is_exact {
+            area < LEAST_PIXELS
+        } else {
+            area < LEAST_AREA || usize::from(bottom - top) < LEAST_ROWS
+        };
+        if is_small {
             continue;
         }
+        let mass = members().fold([0; 3], |[x, y, count], part| {
+            let n = (part.to - part.from + 1) as u64;
+            let columns = (part.from + part.to) as u64 * n / 2;
+            [x + columns, y + part.row as u64 * n, count + n]
+        });
         let left = members().map(|part| part.from).min().unwrap_or(0) as u16;
         blobs.push(Found {
             signature: segments[start].signature,
-            edges: [left * UNIT, top, most(|part| part.to) * UNIT, bottom],
+            edges: [
+                left * raster.unit,
+                top,
+                most(|part| part.to) * raster.unit,
+                bottom,
+            ],
+            mass,
         });
     }
-    while merge(&mut blobs) {}
+    while !raster.is_exact && merge(&mut blobs) {}
     blobs
 }
 
@@ -278,9 +394,11 @@ fn merge(blobs: &mut Vec<Found>) -> bool {
 mod tests {
     use super::*;
 
+    const PIXY2: Raster = Raster::of(Model::Pixy2);
+
     /// Begins and ends that are told for segments of so many units of one colour, from unit 10 on.
     fn told(count: usize) -> Vec<[usize; 2]> {
-        let mut units = vec![0; UNITS];
+        let mut units = vec![0; 158];
         units[10..10 + count].fill(1);
         let mut segments = Vec::new();
         segment(&units, 0, &mut segments);
@@ -306,7 +424,7 @@ mod tests {
     #[test]
     fn a_hole_of_some_units_is_bridged() {
         let row = |hole: usize| {
-            let mut units = vec![1; UNITS];
+            let mut units = vec![1; 158];
             units[40..40 + hole].fill(0);
             let mut segments = Vec::new();
             segment(&units, 0, &mut segments);
@@ -327,15 +445,12 @@ mod tests {
         };
         // A U: two bars that a lower one connects.
         let mut u: Vec<_> = bar(10, 20, 0..20).chain(bar(60, 70, 0..20)).collect();
-        assert_eq!(connected(&sorted(&u)).len(), 2);
+        assert_eq!(connected(&sorted(&u), PIXY2).len(), 2);
         u.extend(bar(10, 70, 20..23));
-        let one = Found {
-            signature: 1,
-            edges: [20, 0, 140, 22],
-        };
-        assert_eq!(connected(&sorted(&u)), [one]);
+        let one = [20, 0, 140, 22];
+        assert_eq!(connected(&sorted(&u), PIXY2)[0].edges, one);
         let speck: Vec<_> = bar(10, 13, 0..4).collect();
-        assert!(connected(&speck).is_empty());
+        assert!(connected(&speck, PIXY2).is_empty());
     }
 
     fn sorted(segments: &[Segment]) -> Vec<Segment> {

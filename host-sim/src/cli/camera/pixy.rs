@@ -1,4 +1,4 @@
-//! A Pixy2 on the clock.
+//! A camera of the Pixy family on the clock.
 
 use std::{
     sync::{
@@ -10,25 +10,26 @@ use std::{
 
 use anyhow::bail;
 use cmucam2_emulator::{Background, Scene, Time};
-use pixy2_emulator::{Configuration, Emulator};
+use pixy_emulator::{Configuration, Emulator, Model};
 
 use super::{
     super::tell,
     Arguments, PATIENCE,
-    carried::{Carried, Pixy2},
+    carried::{Carried, Pixy},
     film::Film,
 };
 
-/// The rate of a Pixy2 as it is shipped.
+/// Its rate as it is shipped.
 pub(super) const BAUD: u32 = 19_200;
 
 impl Arguments {
-    /// Configuration of the Pixy2; refuses options that only a CMUcam2 has.
-    pub(super) fn pixy2(&self) -> anyhow::Result<Configuration> {
+    /// Configuration of a camera of the Pixy family; refuses options that only a CMUcam2 has.
+    pub(super) fn pixy(&self, model: Model) -> anyhow::Result<Configuration> {
         if !(self.switch.is_empty() && self.fault.is_empty()) {
             bail!("--switch and --fault are those of a CMUcam2");
         }
         Ok(Configuration {
+            model,
             baud: self.baud(),
             signatures: self.taught.iter().map(|&Taught(colour)| colour).collect(),
             seed: self.seed,
@@ -38,7 +39,7 @@ impl Arguments {
     }
 }
 
-/// A colour that the Pixy2 was taught.
+/// A colour that the camera was taught.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taught([u8; 3]);
 
@@ -55,24 +56,34 @@ impl std::str::FromStr for Taught {
     }
 }
 
-/// Serves a Pixy2 until `stop`; `power` switches it off and on.
+const fn name(model: Model) -> &'static str {
+    match model {
+        Model::Pixy2 => "Pixy2",
+        Model::Pixy => "Pixy",
+        Model::OpenMv => "OpenMV Cam with its script for blobs",
+        Model::OpenMvTags => "OpenMV Cam with its script for tags",
+    }
+}
+
+/// Serves the camera until `stop`; `power` switches it off and on.
 pub(super) fn run(
     arguments: &Arguments,
+    model: Model,
     scene: Scene,
     film: Option<&Film>,
     (stop, power): (&Arc<AtomicBool>, &Arc<AtomicBool>),
 ) -> anyhow::Result<()> {
     let mut line = arguments.line()?;
-    arguments.tell_where("Pixy2", &line);
+    arguments.tell_where(name(model), &line);
     let baud = arguments.baud();
-    let emulator = Emulator::new(arguments.pixy2()?, scene);
-    let mut carried = Carried::new(Pixy2 { emulator, baud }, baud);
+    let emulator = Emulator::new(arguments.pixy(model)?, scene);
+    let mut carried = Carried::new(Pixy::new(emulator, baud), baud);
     let start = Instant::now();
     // 584 years.
     let clock = || start.elapsed().as_nanos() as Time;
     while !stop.load(Ordering::Relaxed) {
         if power.swap(false, Ordering::Relaxed) {
-            carried.camera.emulator.power_cycle(clock());
+            carried.camera.emulator().power_cycle(clock());
         }
         let wait = carried.next().map_or(PATIENCE, |at| {
             Duration::from_nanos(at.saturating_sub(clock())).min(PATIENCE)
@@ -82,12 +93,12 @@ pub(super) fn run(
             carried.set_host_baud(rate);
         }
         if let Some(picture) = film.map(Film::take).transpose()?.flatten() {
-            carried.camera.emulator.scene_mut().background = Background::Picture(picture);
+            carried.camera.emulator().scene_mut().background = Background::Picture(picture);
         }
         let now = clock();
         carried.hear(&received, now);
         line.send(&carried.advance(now))?;
-        while let Some(note) = carried.camera.emulator.take_note() {
+        while let Some(note) = carried.camera.emulator().take_note() {
             tell(format_args!("{:9.3} {note}", start.elapsed().as_secs_f64()));
         }
     }

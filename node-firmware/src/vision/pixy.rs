@@ -1,5 +1,6 @@
-//! The Pixy2 as a [`BlobCamera`].
+//! Cameras of the Pixy family as a [`BlobCamera`].
 //!
+//! # The Pixy2 and the original Pixy
 //! It is taught its colours beforehand, with its button or in `PixyMon`: no request of its serial line
 //! does that. It adapts to the light by itself, and that cannot be stopped; a signature is a colour
 //! without its brightness, so that little is lost. It knows no frame differencing.
@@ -12,7 +13,7 @@
 //! [lopsided](super::Look::Lopsided).
 //!
 //! # Its columns
-//! Blobs are told in 316 columns, but found in 158 units of two. By the maker's firmware
+//! A Pixy2's blobs are told in 316 columns, but found in 158 units of two; the original's in 320 and 160. By the maker's firmware
 //! (`charmedlabs/pixy2`, `rls_m0.c` and `blobs.cpp`), a row's blob begins with the first unit of its colour,
 //! and is noticed to go on every fourth unit only. It is told to end with the unit after the last noticed
 //! one. Rows of a round object begin and end at different units, and the widest counts, so that its right
@@ -21,53 +22,68 @@
 //! that of a unit), the right one by 1.65 too little on average and by 1.5 about that, the middle by 0.7. So
 //! the average loss is added, and both edges count as known to 3.5 columns. Balls of less than 10 columns are
 //! told by up to a column too far left.
+//!
+//! # The OpenMV Cam
+//! Its script for blobs tells the middle of their mass and the size of their box, both whole; the edges are half a
+//! width beside the middle. So the shape tells whether a ball is narrower than tall, and no more. Over balls before an
+//! emulated camera (`tests/pixy.rs`) the middle errs by 0.4 columns at most. Its script for tags tells the middle of
+//! a tag, found to a fraction of a column and then rounded to a whole one, and which tag it is. A tag that is not whole
+//! in view is not found. Seen at an angle it is narrower than tall, so its shape tells nothing.
+
+use core::{convert::Infallible, future::pending};
 
 use embassy_futures::yield_now;
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
-use pixy2_driver::{Block, Error, Pixy2, packet::Signatures, session::Fault};
+use pixy_driver::{
+    Block, Error, Model, Pixy,
+    packet::{Request, Signatures},
+    session::Fault,
+};
 
 use super::{Blob, BlobCamera, LearntColour, Subject, VisionError};
 use crate::{log::warning, message::TrackedBlob};
 
-/// Columns of its frames.
-pub const COLUMNS: u16 = 316;
-
-/// Its rate as it is shipped, bits per second.
-pub const BAUD: u32 = 19_200;
-
-/// Columns by which the right edge of a round object is told too far left, on average.
+/// Columns by which a Pixy tells the right edge of a round object too far left, on average.
 const LATE: f32 = 1.65;
 
 /// Width, columns, of the unit whose rounding is as uncertain as both edges are.
-const UNIT: f32 = 3.5;
+const fn unit(model: Model) -> f32 {
+    match model {
+        Model::Pixy2 | Model::Pixy => 3.5,
+        Model::OpenMv | Model::OpenMvTags => 1.5,
+    }
+}
 
 /// A second blob counts if it has this share of the area of the first one.
 const RIVAL: f32 = 0.25;
 
-/// Questions for its identity before it is called silent: for more than it takes to start.
-const PATIENCE: u8 = 20;
+/// Questions for its identity before it is called silent: for more than it takes to start. A stream is waited for
+/// longer each time.
+const fn patience(model: Model) -> u8 {
+    if model.streams() { 4 } else { 20 }
+}
 
-/// A Pixy2 on a UART. See the [module](self).
+/// A camera on a UART. See the [module](self).
 #[derive(Debug)]
-pub struct Pixy2BlobCamera<U, D> {
-    camera: Pixy2<U, D>,
+pub struct PixyBlobCamera<U, D> {
+    camera: Pixy<U, D>,
     /// Columns of the lens.
     columns: u16,
     ready: bool,
-    /// The signature that it looks for.
-    signature: Option<u8>,
+    /// Signatures that it looks for.
+    of: Option<Signatures>,
 }
 
-impl<U, D> Pixy2BlobCamera<U, D> {
+impl<U, D> PixyBlobCamera<U, D> {
     /// A camera of which nothing is known, behind a lens of so many columns. Nothing is sent before the
     /// first call.
-    pub fn new(camera: Pixy2<U, D>, columns: u16) -> Self {
+    pub fn new(camera: Pixy<U, D>, columns: u16) -> Self {
         Self {
             camera,
             columns,
             ready: false,
-            signature: None,
+            of: None,
         }
     }
 }
@@ -80,33 +96,41 @@ fn failed<E: embedded_io::Error>(error: Error<E>) -> VisionError {
             Fault::Silence => VisionError::Silent,
             Fault::Garbled => VisionError::Garbled,
             Fault::Busy => VisionError::Busy,
-            Fault::Refused(_) => VisionError::Refused,
+            Fault::Refused(_) | Fault::Unable => VisionError::Refused,
         },
     };
     warning!("camera: {}", error);
     error
 }
 
-impl<U: Read + Write, D: DelayNs> BlobCamera for Pixy2BlobCamera<U, D> {
-    /// Waits for one that is starting; it takes about two seconds.
+impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
+    /// Waits for one that is starting; a Pixy takes about two seconds.
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.ready = false;
-        self.signature = None;
+        self.of = None;
+        let model = self.camera.model();
+        let first = if model.streams() {
+            ANYTHING
+        } else {
+            Request::Version
+        };
         let mut tries = 0;
-        while let Err(error) = self.camera.version().await {
+        while let Err(error) = self.camera.ask(first).await {
             let is_silent = matches!(error, Error::Camera(Fault::Silence | Fault::Garbled));
             tries += 1;
-            if !is_silent || tries >= PATIENCE {
+            if !is_silent || tries >= patience(model) {
                 return Err(failed(error));
             }
             yield_now().await;
         }
-        let (columns, _) = self.camera.resolution().await.map_err(failed)?;
-        if columns != self.columns {
-            return Err(VisionError::Columns {
-                camera: columns,
-                lens: self.columns,
-            });
+        if !model.streams() {
+            let (columns, _) = self.camera.resolution().await.map_err(failed)?;
+            if columns != self.columns {
+                return Err(VisionError::Columns {
+                    camera: columns,
+                    lens: self.columns,
+                });
+            }
         }
         self.ready = true;
         Ok(())
@@ -124,35 +148,61 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Pixy2BlobCamera<U, D> {
         if !self.ready {
             return Err(VisionError::NotStarted);
         }
-        let Subject::Signature(signature @ 1..=7) = subject else {
-            return Err(VisionError::Unable);
-        };
-        self.signature = Some(signature);
+        self.of = Some(match (subject, self.camera.model()) {
+            (Subject::Tag(number), Model::OpenMvTags) => Signatures::tag(number.into()),
+            (_, Model::OpenMvTags) => return Err(VisionError::Unable),
+            (Subject::Signature(signature @ 1..=7), _) => Signatures::one(signature),
+            _ => return Err(VisionError::Unable),
+        });
         Ok(())
     }
 
     async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
-        let signature = self.signature.ok_or(VisionError::NotBegun)?;
-        let of = Signatures::one(signature);
+        let of = self.of.ok_or(VisionError::NotBegun)?;
+        let model = self.camera.model();
         let mut blocks = self.camera.blocks(of, 2).await.map_err(failed)?;
         let largest = blocks.next();
-        Ok(largest.map(|largest| blob(&largest, blocks.next().as_ref())))
+        Ok(largest.map(|largest| blob(model, &largest, blocks.next().as_ref())))
     }
 
     async fn end(&mut self) -> Result<(), VisionError> {
-        self.signature = None;
+        self.of = None;
         Ok(())
+    }
+
+    async fn rest(&mut self) -> Infallible {
+        while self.camera.model().streams() {
+            // A camera that is silent, or cannot be understood, has taken its time.
+            if !matches!(
+                self.camera.ask(ANYTHING).await,
+                Ok(_) | Err(Error::Camera(_))
+            ) {
+                break;
+            }
+        }
+        pending().await
     }
 }
 
+/// Asks for the next picture, whatever is in it.
+const ANYTHING: Request = Request::Blocks {
+    of: Signatures::ALL,
+    most: 0,
+};
+
 /// The blob of the largest block, and of the next one.
-pub fn blob(largest: &Block, next: Option<&Block>) -> Blob {
+pub fn blob(model: Model, largest: &Block, next: Option<&Block>) -> Blob {
     let area = |block: &Block| f32::from(block.width) * f32::from(block.height);
     let box_of = |block: &Block| {
+        let [width, height] = [block.width, block.height].map(f32::from);
+        if matches!(model, Model::OpenMv | Model::OpenMvTags) {
+            let [x, y] = [block.x, block.y].map(f32::from);
+            let [half, tall] = [width * 0.5, height * 0.5];
+            return [x - half, y - tall, x + half, y + tall];
+        }
         let [left, top] = [block.left(), block.top()].map(|edge| f32::from(edge) - 0.5);
-        let right = left + f32::from(block.width) + LATE;
         // Its last row is not counted.
-        [left, top, right, top + f32::from(block.height) + 1.0]
+        [left, top, left + width + LATE, top + height + 1.0]
     };
     let middle =
         |[left, top, right, bottom]: [f32; 4]| [(left + right) * 0.5, (top + bottom) * 0.5];
@@ -177,7 +227,7 @@ pub fn blob(largest: &Block, next: Option<&Block>) -> Blob {
         centroid,
         pixels: 0,
         confidence: 0,
-        cell_width: UNIT,
+        cell_width: unit(model),
         told: TrackedBlob {
             middle: [largest.x, largest.y],
             edges: [
@@ -211,26 +261,30 @@ mod tests {
     }
 
     fn look(largest: &Block, next: Option<&Block>) -> Look {
-        let camera = Lens::pin_hole(COLUMNS, 60.0).camera().unwrap();
+        let camera = Lens::pin_hole(316, 60.0).camera().unwrap();
         let shape = Shape::Round {
             rows_per_column: 1.0,
         };
         let mut judge = Judge::new(camera, Patience::default(), shape);
-        let mut looks = (0..40).map(|_| judge.push(Some(blob(largest, next))));
+        let mut looks = (0..40).map(|_| judge.push(Some(blob(Model::Pixy2, largest, next))));
         looks.find_map(|look| look).unwrap()
     }
 
     #[test]
     fn a_block_is_a_box_in_columns() {
-        let blob = blob(&block(110, 20, 19), None);
+        let blob = blob(Model::Pixy2, &block(110, 20, 19), None);
         assert_eq!((blob.left, blob.top, blob.bottom), (99.5, 90.5, 110.5));
         assert_eq!(blob.right, 99.5 + 20.0 + LATE);
         assert_eq!(blob.told.edges, [100, 91, 120, 110]);
         assert_eq!(blob.centroid[0], blob.middle());
-        assert!(!blob.is_clipped(COLUMNS));
+        assert!(!blob.is_clipped(316));
+        // OpenMV tells the middle of the mass.
+        let openmv = super::blob(Model::OpenMv, &block(110, 21, 20), None);
+        assert_eq!((openmv.left, openmv.right), (99.5, 120.5));
+        assert_eq!((openmv.top, openmv.bottom), (90.0, 110.0));
         // A blob that reaches the first or the last unit is cut off.
-        assert!(super::blob(&block(10, 20, 19), None).is_clipped(COLUMNS));
-        assert!(super::blob(&block(306, 20, 19), None).is_clipped(COLUMNS));
+        assert!(super::blob(Model::Pixy2, &block(10, 20, 19), None).is_clipped(316));
+        assert!(super::blob(Model::Pixy2, &block(306, 20, 19), None).is_clipped(316));
     }
 
     /// Specks are nothing, and a rival is too much.

@@ -15,10 +15,10 @@ use cmucam2_emulator::{Lens, Object, Place, Scene, Shape};
 use node_firmware::{
     config::CameraConfig,
     message::Seen,
-    vision::{BlobCamera, Look, Pixy2BlobCamera, Subject, VisionError, look},
+    vision::{BlobCamera, Look, PixyBlobCamera, Subject, VisionError, look},
 };
-use pixy2_driver::Pixy2;
-use pixy2_emulator::{Configuration, Emulator, FRAME_SIZE};
+use pixy_driver::{Model, Pixy};
+use pixy_emulator::{Configuration, Emulator, FRAME_SIZE};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -118,7 +118,7 @@ fn ball(bearing: f64, radius: f64) -> Object {
 }
 
 struct Node {
-    sight: Pixy2BlobCamera<Line, Delay>,
+    sight: PixyBlobCamera<Line, Delay>,
     bench: Rc<Bench>,
     config: CameraConfig,
 }
@@ -134,10 +134,10 @@ impl Node {
             now: Cell::new(0),
             free_at: Cell::new(0),
         });
-        let config = CameraConfig::pixy2(1);
-        let driver = Pixy2::new(Line(bench.clone()), Delay(bench.clone()));
+        let config = CameraConfig::pixy(Model::Pixy2, 1);
+        let driver = Pixy::new(Model::Pixy2, Line(bench.clone()), Delay(bench.clone()));
         Self {
-            sight: Pixy2BlobCamera::new(driver, config.lens.columns),
+            sight: PixyBlobCamera::new(driver, config.lens.columns),
             bench,
             config,
         }

@@ -8,13 +8,23 @@
 //! A request that is not answered or refused, or whose answer is damaged or that to another request, is
 //! repeated: the line may have made another one of it. A camera that is busy, for it starts or has no new
 //! frame yet, is asked again until it has an answer, as long as [`Policy`] says.
+//!
+//! A camera that [streams](Model::streams) is sent nothing: a request for blocks is answered by its next picture, one
+//! that came whole. [`KEPT`] blobs of it are kept at most. It takes no other requests.
 
 use core::fmt;
 
+use heapless::Vec;
+
 use crate::{
     block::{BLOCK_BYTES, Block},
+    model::Model,
     packet::{Encoded, Heard, Parser, Request, kind, u16_at},
+    stream::{Event, Stream},
 };
+
+/// Blobs of a streamed picture that are kept, of those that are asked for.
+const KEPT: usize = 4;
 
 /// Errors that the camera tells.
 const BUSY: i8 = -2;
@@ -61,15 +71,18 @@ pub enum Fault {
     /// The camera refuses each time: its number for why. -4 is a request that its program does not know, -5
     /// a person who holds its button.
     Refused(i8),
+    /// A camera that streams was asked for something else than blocks.
+    Unable,
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Silence => {
-                "the Pixy2 does not answer: are its data port and baud rate set for a UART?"
+                "the camera is silent: are its data port and baud rate set for a UART?"
             }
-            Self::Garbled => "the Pixy2's answers are damaged: check baud rate and cable",
+            Self::Garbled => "what the camera says is damaged: check baud rate and cable",
+            Self::Unable => "the camera streams, and takes no requests",
             Self::Busy => "the Pixy2 is busy all the time: does it run color_connected_components?",
             Self::Refused(why) => {
                 let hint = match why {
@@ -127,7 +140,15 @@ enum State {
 #[derive(Clone, Debug)]
 pub struct Session {
     policy: Policy,
+    model: Model,
     parser: Parser,
+    stream: Stream,
+    /// Blobs of the streamed picture under way, if its beginning came and nothing of it was damaged.
+    picture: Option<Vec<Block, KEPT>>,
+    /// Those of the last whole one.
+    told: Vec<Block, KEPT>,
+    /// Zero words have come since the request.
+    is_alive: bool,
     state: State,
     request: Request,
     encoded: Encoded,
@@ -141,11 +162,16 @@ pub struct Session {
 }
 
 impl Session {
-    /// With a camera of which nothing is known.
-    pub fn new(policy: Policy) -> Self {
+    /// With a camera of this model, of which nothing else is known.
+    pub fn new(model: Model, policy: Policy) -> Self {
         Self {
             policy,
+            model,
             parser: Parser::default(),
+            stream: Stream::default(),
+            picture: None,
+            told: Vec::new(),
+            is_alive: false,
             state: State::Idle,
             request: Request::Version,
             encoded: Request::Version.encode(),
@@ -155,6 +181,11 @@ impl Session {
             tries: 0,
             fault: Fault::Silence,
         }
+    }
+
+    /// Returns the model of the camera.
+    pub fn model(&self) -> Model {
+        self.model
     }
 
     /// Returns the times and counts.
@@ -170,13 +201,22 @@ impl Session {
         self.fault = Fault::Silence;
         self.busy_until = now.saturating_add(self.policy.busy_us.into());
         self.ask(now);
+        if self.model.streams() && !matches!(request, Request::Blocks { .. }) {
+            self.state = State::Over(Err(Fault::Unable));
+        }
     }
 
     fn ask(&mut self, now: u64) {
         self.parser.clear();
         self.sent = 0;
+        self.is_alive = false;
         self.state = State::Asked;
-        self.deadline = now.saturating_add(self.policy.reply_us.into());
+        let wait = if self.model.streams() {
+            self.policy.reply_us.max(self.model.tells_within_us())
+        } else {
+            self.policy.reply_us
+        };
+        self.deadline = now.saturating_add(wait.into());
     }
 
     /// One of its tries has failed. Tells whether it may be asked again.
@@ -208,7 +248,7 @@ impl Session {
     /// Bytes to send.
     pub fn pending(&self) -> &[u8] {
         match self.state {
-            State::Asked => {
+            State::Asked if !self.model.streams() => {
                 let rest = self.encoded.as_bytes().get(usize::from(self.sent)..);
                 rest.unwrap_or_default()
             }
@@ -241,11 +281,20 @@ impl Session {
         let is_there = self.request.answered_by() == kind::BLOCKS;
         let payload = if is_there { self.parser.payload() } else { &[] };
         let blocks = payload.as_chunks::<BLOCK_BYTES>().0.iter();
-        blocks.filter_map(|block| Block::from_bytes(block))
+        let blocks = blocks.filter_map(|block| Block::from_bytes(block));
+        blocks.chain(self.told.iter().copied())
     }
 
-    /// Takes one byte. Bytes that come when nothing was asked are dropped.
+    /// Takes one byte. Bytes that come when nothing was asked are dropped, but for those of a stream: whole
+    /// pictures of it take each other's place.
     pub fn receive(&mut self, byte: u8, now: u64) {
+        if self.model.streams() {
+            self.stream.push(byte);
+            while let Some(event) = self.stream.next_event() {
+                self.streamed(event);
+            }
+            return;
+        }
         if !matches!(self.state, State::Asked) {
             return;
         }
@@ -265,6 +314,49 @@ impl Session {
             // The answer to a request that was given up: that to this one may follow.
             Heard::Packet(_) => self.fault = Fault::Garbled,
         }
+    }
+
+    fn streamed(&mut self, event: Event) {
+        match event {
+            Event::Picture => {
+                self.pictured();
+                self.picture = Some(Vec::new());
+            }
+            Event::Block(block) => {
+                if let Request::Blocks { of, most } = self.request
+                    && let Some(picture) = &mut self.picture
+                    && of.has(block.signature)
+                    && picture.len() < usize::from(most)
+                {
+                    // The largest come first.
+                    let _ = picture.push(block);
+                }
+            }
+            Event::Zero => {
+                self.is_alive = true;
+                if self.picture.is_none() && self.model.zero_is_picture() {
+                    self.picture = Some(Vec::new());
+                }
+                self.pictured();
+            }
+            Event::Damaged => self.damaged(),
+        }
+    }
+
+    /// The picture under way is whole.
+    fn pictured(&mut self) {
+        if let Some(picture) = self.picture.take() {
+            self.told = picture;
+            if matches!(self.state, State::Asked) {
+                self.state = State::Over(Ok(Answer::Blocks));
+            }
+        }
+    }
+
+    /// Bytes of a stream were lost or damaged: what is under way does not count.
+    pub fn damaged(&mut self) {
+        self.picture = None;
+        self.fault = Fault::Garbled;
     }
 
     fn refused(&mut self, why: i8, now: u64) {
@@ -317,6 +409,11 @@ impl Session {
         }
         match self.state {
             State::Pause => self.ask(now),
+            // Nothing in view: zero words, and no picture begins.
+            State::Asked if self.is_alive && self.fault == Fault::Silence => {
+                self.picture = Some(Vec::new());
+                self.pictured();
+            }
             _ => self.ask_again(now),
         }
     }

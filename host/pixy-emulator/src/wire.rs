@@ -103,12 +103,22 @@ impl Wire {
         Some((place, 1 << self.random.random_range(0..8_u8)))
     }
 
-    /// Sends an answer, not before this time. Every answer of this firmware has a checksum.
+    /// Returns true if all is sent by this time.
+    pub fn is_free(&self, at: Time) -> bool {
+        self.sending.back().is_none_or(|&(last, _)| last <= at)
+    }
+
+    /// Sends an answer, not before this time. Every answer of a Pixy2's firmware has a checksum.
     pub fn send(&mut self, from: Time, kind: u8, payload: &[u8]) {
         let sum: u16 = payload.iter().map(|&byte| u16::from(byte)).sum();
         let mut packet = vec![0xAF, 0xC1, kind, payload.len() as u8];
         packet.extend(sum.to_le_bytes());
         packet.extend(payload);
+        self.send_bytes(from, packet);
+    }
+
+    /// Sends bytes, not before this time.
+    pub fn send_bytes(&mut self, from: Time, mut packet: Vec<u8>) {
         if let Some((place, bit)) = self.damage_within(packet.len()) {
             packet[place] ^= bit;
         }

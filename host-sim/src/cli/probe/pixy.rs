@@ -1,4 +1,5 @@
-//! `host-sim probe --camera pixy2`: the blobs of a signature, and where they are.
+//! `host-sim probe --camera pixy2` and the others of its family: the blobs of a signature, or a tag, and where they
+//! are.
 
 use std::{
     io::{self, Write},
@@ -12,22 +13,22 @@ use host_sim::probe::{
     display::Degrees,
     port::{Baud, Clock, Overheard, Port, PortError},
     record::Recording,
-    stranger,
+    stranger::{self, Stranger},
 };
 use indicatif::ProgressBar;
 use node_firmware::vision::{
-    Blob, Look, Patience, Shape, look::FRAMES_MAX, pixy2, pixy2::COLUMNS, steady::Steadiness,
+    Blob, Look, Patience, Shape, look::FRAMES_MAX, pixy, steady::Steadiness,
 };
-use pixy2_driver::{
-    Error, Pixy2,
+use pixy_driver::{
+    Error, Model, Pixy,
     block::Block,
-    packet::Signatures,
+    packet::{Request, Signatures},
     session::{Fault, Policy},
 };
 use serde::Serialize;
 
 use super::{
-    Arguments, Person, is_interruption, stops,
+    Arguments, KindOption, Person, is_interruption, stops,
     stops::{NotSeen, Watches},
     tell,
 };
@@ -58,9 +59,9 @@ struct Line {
     sigma_rad: Option<f64>,
 }
 
-type Camera = Pixy2<Port, Clock>;
+type Camera = Pixy<Port, Clock>;
 
-/// A Pixy2 with what is known about it.
+/// A camera with what is known about it.
 struct Bench<'a> {
     arguments: &'a Arguments,
     camera: Camera,
@@ -72,7 +73,10 @@ struct Bench<'a> {
 impl Bench<'_> {
     /// The two largest blobs of the signature, the largest first.
     fn blocks(&mut self) -> anyhow::Result<Vec<Block>> {
-        let of = Signatures::one(self.arguments.signature);
+        let of = match self.camera.model() {
+            Model::OpenMvTags => Signatures::tag(self.arguments.tag),
+            _ => Signatures::one(self.arguments.signature),
+        };
         let blocks = self.camera.blocks_wait(of, 2);
         let path = self.arguments.line();
         Ok(blocks.map_err(|error| failed(path, error))?.collect())
@@ -92,7 +96,7 @@ impl Watches for Bench<'_> {
         &mut self.person
     }
 
-    /// A Pixy2 looks all the time.
+    /// It looks all the time.
     fn begin(&mut self) -> anyhow::Result<()> {
         Ok(())
     }
@@ -102,18 +106,41 @@ impl Watches for Bench<'_> {
     }
 
     fn next(&mut self, _: &ProgressBar) -> anyhow::Result<Result<Option<Option<Blob>>, NotSeen>> {
-        Ok(Ok(Some(blob(&self.blocks()?))))
+        let blocks = self.blocks()?;
+        Ok(Ok(Some(blob(self.camera.model(), &blocks))))
     }
 }
 
 /// The largest blob, and whether another one comes near it.
-fn blob(blocks: &[Block]) -> Option<Blob> {
+fn blob(model: Model, blocks: &[Block]) -> Option<Blob> {
     let largest = blocks.first()?;
-    Some(pixy2::blob(largest, blocks.get(1)))
+    Some(pixy::blob(model, largest, blocks.get(1)))
+}
+
+/// The driver's model, of all but a CMUcam2.
+pub(super) const fn model(kind: KindOption) -> Option<Model> {
+    match kind {
+        KindOption::Cmucam2 => None,
+        KindOption::Pixy2 => Some(Model::Pixy2),
+        KindOption::Pixy => Some(Model::Pixy),
+        KindOption::OpenMv => Some(Model::OpenMv),
+        KindOption::OpenMvTags => Some(Model::OpenMvTags),
+    }
+}
+
+/// As people call it.
+const fn name(model: Model) -> &'static str {
+    match model {
+        Model::Pixy2 => "Pixy2",
+        Model::Pixy => "Pixy",
+        Model::OpenMv => "OpenMV Cam",
+        Model::OpenMvTags => "OpenMV Cam with its script for tags",
+    }
 }
 
 pub(super) fn run(
     arguments: &Arguments,
+    model: Model,
     person: Person,
     recording: Option<(&Path, Recording)>,
 ) -> anyhow::Result<()> {
@@ -126,24 +153,33 @@ pub(super) fn run(
     if let Some((_, option)) = only.iter().find(|(given, _)| *given) {
         bail!("{option} is for a CMUcam2");
     }
-    let optics = arguments.camera.camera(COLUMNS)?;
+    let [expected, _] = model.size();
+    let optics = arguments.camera.camera(expected)?;
     let path = arguments.line();
-    let (mut camera, clock, rate) = connect(arguments, &person)?;
+    let (mut camera, clock, rate) = connect(arguments, model, &person)?;
     let refused = |error| failed(path, error);
-    let version = camera.version_wait().map_err(refused)?;
-    let (columns, rows) = camera.resolution_wait().map_err(refused)?;
-    tell(format_args!(
-        "{path}: a Pixy2 at {rate} baud, firmware {}.{}.{}, blobs in {columns} x {rows}",
-        version.major, version.minor, version.build
-    ));
-    if columns != COLUMNS {
-        tell(format_args!("nodes expect {COLUMNS} columns"));
+    if model.streams() {
+        let [columns, rows] = model.size();
+        tell(format_args!(
+            "{path}: a stream of blobs at {rate} baud, taken for that of the {} in {columns} x {rows}",
+            name(model)
+        ));
+    } else {
+        let version = camera.version_wait().map_err(refused)?;
+        let (columns, rows) = camera.resolution_wait().map_err(refused)?;
+        tell(format_args!(
+            "{path}: a Pixy2 at {rate} baud, firmware {}.{}.{}, blobs in {columns} x {rows}",
+            version.major, version.minor, version.build
+        ));
+        if columns != expected {
+            tell(format_args!("nodes expect {expected} columns"));
+        }
     }
     let mut bench = Bench {
         arguments,
         camera,
         clock,
-        view: View::new(COLUMNS, 0, optics),
+        view: View::new(expected, 0, optics),
         person,
     };
     match recording {
@@ -155,11 +191,15 @@ pub(super) fn run(
 /// Prints the blobs.
 fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
     let arguments = bench.arguments;
-    let shape = Shape::Round {
-        rows_per_column: 1.0,
+    let model = bench.camera.model();
+    let shape = match model {
+        Model::OpenMvTags => Shape::Any,
+        _ => Shape::Round {
+            rows_per_column: 1.0,
+        },
     };
     let frames = usize::from(Patience::default().frames);
-    let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, COLUMNS, shape);
+    let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, model.size()[0], shape);
     let clock = bench.clock.clone();
     let begin = clock.now();
     let elapsed = || clock.now().saturating_sub(begin);
@@ -176,7 +216,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             Err(error) => return Err(error),
         };
         told += 1;
-        let steady = steadiness.push(blob(&blocks));
+        let steady = steadiness.push(blob(model, &blocks));
         let bearing = steady
             .as_ref()
             .ok()
@@ -223,7 +263,19 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
 }
 
 /// Finds the camera at one of the rates.
-fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Clock, u32)> {
+fn connect(
+    arguments: &Arguments,
+    model: Model,
+    person: &Person,
+) -> anyhow::Result<(Camera, Clock, u32)> {
+    let first = if model.streams() {
+        Request::Blocks {
+            of: Signatures::ALL,
+            most: 0,
+        }
+    } else {
+        Request::Version
+    };
     let rates = match arguments.baud {
         Baud::Rate(rate) => vec![rate],
         Baud::Auto => RATES.to_vec(),
@@ -238,15 +290,23 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Cl
             } else {
                 PATIENT
             };
-            let mut camera = Pixy2::with_policy(port, clock.clone(), policy);
-            match camera.version_wait() {
+            // A stream is waited for long enough each time.
+            let retries = if model.streams() { 0 } else { policy.retries };
+            let policy = Policy { retries, ..policy };
+            let mut camera = Pixy::with_policy(model, port, clock.clone(), policy);
+            match camera.ask_wait(first) {
                 Ok(_) => {
                     let (port, delay) = camera.release();
-                    return Ok((Pixy2::with_policy(port, delay, PATIENT), clock, rate));
+                    let camera = Pixy::with_policy(model, port, delay, PATIENT);
+                    return Ok((camera, clock, rate));
                 }
                 Err(Error::Camera(Fault::Silence | Fault::Garbled)) => {
                     let heard = heard.bytes();
-                    if let Some(who) = stranger::name(&heard).filter(|who| who.is_certain()) {
+                    let who = stranger::name(&heard).filter(|who| {
+                        // Its stream was damaged for a while.
+                        who.is_certain() && !(model.streams() && *who == Stranger::OriginalPixy)
+                    });
+                    if let Some(who) = who {
                         let stranger = Overheard { rate, heard, who };
                         bail!("{}: {stranger}", arguments.line());
                     }
@@ -256,12 +316,21 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, Cl
         }
     }
     let tried: Vec<_> = rates.iter().map(u32::to_string).collect();
-    Err(anyhow!(
-        "{}: no Pixy2 answers at {} baud: is its data port set to UART (PixyMon: Configure, \
-         Interface, \"Data out port\"), and are TX and RX crossed?",
-        arguments.line(),
-        tried.join(", ")
-    ))
+    let (path, tried) = (arguments.line(), tried.join(", "));
+    Err(match model {
+        Model::OpenMv | Model::OpenMvTags => anyhow!(
+            "{path}: no {} is heard at {tried} baud: does its script run, and is its P4 (TX) on RX?",
+            name(model)
+        ),
+        Model::Pixy => anyhow!(
+            "{path}: no Pixy is heard at {tried} baud: is its data port set to UART (PixyMon: Configure, \
+             Interface, \"Data out port\"), and are TX and RX crossed?"
+        ),
+        Model::Pixy2 => anyhow!(
+            "{path}: no Pixy2 answers at {tried} baud: is its data port set to UART (PixyMon: Configure, \
+             Interface, \"Data out port\"), and are TX and RX crossed?"
+        ),
+    })
 }
 
 fn failed(port: &str, error: Error<PortError>) -> anyhow::Error {
