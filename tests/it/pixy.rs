@@ -1,5 +1,5 @@
-//! Sight of a node through an emulated Pixy2: the async driver on a line of 19,200 baud, in virtual
-//! time.
+//! Sight of a node through emulated cameras of the Pixy family: the async driver on a line of 19,200 baud, in
+//! virtual time.
 
 use std::{
     cell::{Cell, RefCell},
@@ -18,12 +18,11 @@ use node_firmware::{
     vision::{BlobCamera, Look, PixyBlobCamera, Subject, VisionError, look},
 };
 use pixy_driver::{Model, Pixy};
-use pixy_emulator::{Configuration, Emulator, FRAME_SIZE};
+use pixy_emulator::{Configuration, Emulator};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const SECOND: u64 = 1_000_000_000;
-const VIEW: f64 = 60.0;
 const ORANGE: [u8; 3] = [230, 105, 35];
 const BALL: Subject = Subject::Signature(1);
 
@@ -103,12 +102,17 @@ fn wait<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// A ball at a bearing, of an angular radius; radians.
+/// A ball at a bearing, of an angular radius, before a Pixy2; radians.
 fn ball(bearing: f64, radius: f64) -> Object {
-    let aspect = 1.0;
-    let lens = Lens::of_frame(Projection::PinHole, VIEW.to_radians(), FRAME_SIZE, aspect).unwrap();
+    ball_before(Model::Pixy2, bearing, radius)
+}
+
+fn ball_before(model: Model, bearing: f64, radius: f64) -> Object {
+    let (aspect, view) = (1.0, f64::from(model.field_of_view_deg()).to_radians());
+    let [columns, rows] = model.size();
+    let lens = Lens::of_frame(Projection::PinHole, view, [columns, rows], aspect).unwrap();
     let mut extent = lens.extent(bearing, 0.0, 2.0 * radius, 0.0).unwrap();
-    let height = (extent.right - extent.left) * 316.0 / 208.0;
+    let height = (extent.right - extent.left) * f64::from(columns) / f64::from(rows);
     (extent.top, extent.bottom) = (0.5 - height / 2.0, 0.5 + height / 2.0);
     Object {
         colour: ORANGE,
@@ -121,10 +125,18 @@ struct Node {
     sight: PixyBlobCamera<Line, Delay>,
     bench: Rc<Bench>,
     config: CameraConfig,
+    subject: Subject,
 }
 
 impl Node {
     fn new(configuration: Configuration) -> Self {
+        use pixy_emulator::Model as Emulated;
+        let model = match configuration.model {
+            Emulated::Pixy2 => Model::Pixy2,
+            Emulated::Pixy => Model::Pixy,
+            Emulated::OpenMv => Model::OpenMv,
+            Emulated::OpenMvTags => Model::OpenMvTags,
+        };
         let scene = Scene {
             noise: 2.0,
             ..Scene::default()
@@ -134,13 +146,24 @@ impl Node {
             now: Cell::new(0),
             free_at: Cell::new(0),
         });
-        let config = CameraConfig::pixy(Model::Pixy2, 1);
-        let driver = Pixy::new(Model::Pixy2, Line(bench.clone()), Delay(bench.clone()));
+        let config = CameraConfig::pixy(model, 1);
+        let driver = Pixy::new(model, Line(bench.clone()), Delay(bench.clone()));
         Self {
             sight: PixyBlobCamera::new(driver, config.lens.columns),
             bench,
             config,
+            subject: match model {
+                Model::OpenMvTags => Subject::Tag(3),
+                _ => BALL,
+            },
         }
+    }
+
+    fn of(model: pixy_emulator::Model) -> Self {
+        Self::new(Configuration {
+            model,
+            ..Configuration::default()
+        })
     }
 
     fn show(&self, objects: Vec<Object>) {
@@ -149,7 +172,7 @@ impl Node {
 
     fn look(&mut self) -> Result<Look, VisionError> {
         let mut judge = self.config.judge(self.config.lens.camera().unwrap());
-        wait(look(&mut self.sight, BALL, &mut judge))
+        wait(look(&mut self.sight, self.subject, &mut judge))
     }
 
     fn seen(&mut self) -> Seen {
@@ -178,36 +201,79 @@ fn it_starts_as_long_as_the_camera_takes_and_looks_in_a_fifth_of_a_second() {
     assert_eq!(wait(node.sight.begin(motion)), Err(VisionError::Unable));
 }
 
-/// Squared errors over sigmas, where 1 is right, for balls of 10 to 50 columns anywhere in the view.
+/// Squared errors over sigmas, where 1 is right, for balls of 10 to 50 columns anywhere in the view, or tags.
 #[test]
 fn sigmas_are_those_of_the_errors() {
-    let mut node = Node::new(Configuration::default());
-    wait(node.sight.start_up()).unwrap();
-    let mut random = ChaCha8Rng::seed_from_u64(1);
-    let (mut squares, mut errors, mut widths, mut refused) = (0.0, 0.0, 0.0, 0);
-    const LOOKS: usize = 2_000;
-    for _ in 0..LOOKS {
-        let bearing = random.random_range(-0.4..0.4);
-        let radius = random.random_range(0.018..0.09);
-        node.show(vec![ball(bearing, radius)]);
-        let Ok(Look::Steady(seen)) = node.look() else {
-            refused += 1;
-            continue;
-        };
-        let off = (f64::from(seen.bearing) - bearing) / f64::from(seen.sigma);
-        errors += off / LOOKS as f64;
-        squares += off * off / LOOKS as f64;
-        let half = f64::from(seen.half_width) * 1e-4;
-        widths += (half - radius) / f64::from(seen.sigma) / LOOKS as f64;
-    }
-    let refused = f64::from(refused) / LOOKS as f64;
-    let told =
-        format!("mean {errors:.3}, squares {squares:.3}, widths {widths:.3}, refused {refused}");
+    use pixy_emulator::Model as Emulated;
     // 2,000 squares of normal errors have their mean within 0.9 to 1.1 in 99.8 % of all cases.
-    assert!((0.9..1.1).contains(&squares), "{told}");
-    assert!(errors.abs() < 0.1 && widths.abs() < 0.1, "{told}");
-    // Small balls that lost too much of their right edge.
-    assert!(refused < 0.01, "{told}");
+    // 2,000 squares of normal errors have their mean within 0.9 to 1.1 in 99.8 % of all cases; those of whole
+    // columns are even. The middle of a ball of an even number of columns is between two, and rounded to the right.
+    for (emulated, model, mean) in [
+        (Emulated::Pixy2, Model::Pixy2, 0.1),
+        (Emulated::Pixy, Model::Pixy, 0.1),
+        (Emulated::OpenMv, Model::OpenMv, 0.2),
+        (Emulated::OpenMvTags, Model::OpenMvTags, 0.1),
+    ] {
+        let mut node = Node::of(emulated);
+        wait(node.sight.start_up()).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let (mut squares, mut errors, mut widths, mut refused) = (0.0, 0.0, 0.0, 0);
+        const LOOKS: usize = 2_000;
+        for _ in 0..LOOKS {
+            let bearing = random.random_range(-0.4..0.4);
+            let radius = random.random_range(0.018..0.09);
+            let mut seen = ball_before(model, bearing, radius);
+            if model == Model::OpenMvTags {
+                seen = ball_before(model, bearing, 0.05 + radius);
+                seen.shape = Shape::Tag(3);
+            }
+            node.show(vec![seen]);
+            let Ok(Look::Steady(seen)) = node.look() else {
+                refused += 1;
+                continue;
+            };
+            let off = (f64::from(seen.bearing) - bearing) / f64::from(seen.sigma);
+            errors += off / LOOKS as f64;
+            squares += off * off / LOOKS as f64;
+            let half = f64::from(seen.half_width) * 1e-4;
+            widths += (half - radius) / f64::from(seen.sigma) / LOOKS as f64;
+        }
+        let refused = f64::from(refused) / LOOKS as f64;
+        let told = format!(
+            "{model:?}: mean {errors:.3}, squares {squares:.3}, widths {widths:.3}, refused {refused}"
+        );
+        assert!((0.85..1.1).contains(&squares), "{told}");
+        let is_ball = model != Model::OpenMvTags;
+        assert!(
+            errors.abs() < mean && (widths.abs() < 0.1 || !is_ball),
+            "{told}"
+        );
+        // Small balls that lost too much of their right edge.
+        assert!(refused < 0.01, "{told}");
+    }
+}
+
+/// A camera that streams tells pictures unasked; a target beside it is another one by its number.
+#[test]
+fn a_tag_is_told_by_its_number() {
+    let mut node = Node::of(pixy_emulator::Model::OpenMvTags);
+    wait(node.sight.start_up()).unwrap();
+    let tag = |number, bearing| {
+        let mut tag = ball_before(Model::OpenMvTags, bearing, 0.08);
+        tag.shape = Shape::Tag(number);
+        tag
+    };
+    assert_eq!(node.look(), Ok(Look::Nothing));
+    node.show(vec![tag(2, 0.3)]);
+    assert_eq!(node.look(), Ok(Look::Nothing));
+    node.show(vec![tag(2, 0.3), tag(3, -0.2)]);
+    let seen = node.seen();
+    assert!((seen.bearing + 0.2).abs() < 5.0 * seen.sigma);
+    // Two of one number are none that is known.
+    node.show(vec![tag(3, 0.3), tag(3, -0.2)]);
+    assert_eq!(node.look(), Ok(Look::Lopsided));
+    assert_eq!(wait(node.sight.learn_colour()), Err(VisionError::Unable));
+    assert_eq!(wait(node.sight.begin(BALL)), Err(VisionError::Unable));
 }
 
 #[test]
@@ -233,20 +299,28 @@ fn another_ball_of_the_colour_is_noticed_and_another_colour_is_none() {
 /// Damaged answers are asked for again; a camera without power is silent, and starts again.
 #[test]
 fn damage_and_a_power_cut_are_survived() {
-    let mut node = Node::new(Configuration {
-        corrupt_line: 0.1,
-        seed: 3,
-        ..Configuration::default()
-    });
-    wait(node.sight.start_up()).unwrap();
-    node.show(vec![ball(0.1, 0.04)]);
-    for _ in 0..20 {
-        let seen = node.seen();
-        assert!((seen.bearing - 0.1).abs() < 5.0 * seen.sigma);
+    use pixy_emulator::Model as Emulated;
+    for (emulated, model) in [
+        (Emulated::Pixy2, Model::Pixy2),
+        (Emulated::Pixy, Model::Pixy),
+        (Emulated::OpenMv, Model::OpenMv),
+    ] {
+        let mut node = Node::new(Configuration {
+            model: emulated,
+            corrupt_line: 0.1,
+            seed: 3,
+            ..Configuration::default()
+        });
+        wait(node.sight.start_up()).unwrap();
+        node.show(vec![ball_before(model, 0.1, 0.04)]);
+        for _ in 0..20 {
+            let seen = node.seen();
+            assert!((seen.bearing - 0.1).abs() < 5.0 * seen.sigma, "{model:?}");
+        }
+        let now = node.bench.now.get();
+        node.bench.camera.borrow_mut().power_cycle(now);
+        assert_eq!(node.look(), Err(VisionError::Silent), "{model:?}");
+        assert_eq!(wait(node.sight.start_up()), Ok(()), "{model:?}");
+        node.seen();
     }
-    let now = node.bench.now.get();
-    node.bench.camera.borrow_mut().power_cycle(now);
-    assert_eq!(node.look(), Err(VisionError::Silent));
-    assert_eq!(wait(node.sight.start_up()), Ok(()));
-    node.seen();
 }

@@ -58,10 +58,13 @@ const fn unit(model: Model) -> f32 {
 /// A second blob counts if it has this share of the area of the first one.
 const RIVAL: f32 = 0.25;
 
-/// Questions for its identity before it is called silent: for more than it takes to start. A stream is waited for
-/// longer each time.
+/// Questions for its identity, or for anything, before it is called silent: for more than it takes to start.
 const fn patience(model: Model) -> u8 {
-    if model.streams() { 4 } else { 20 }
+    match model {
+        Model::Pixy2 => 20,
+        Model::Pixy => 10,
+        Model::OpenMv | Model::OpenMvTags => 4,
+    }
 }
 
 /// A camera on a UART. See the [module](self).

@@ -46,18 +46,73 @@ fn pixy2s_and_networks_of_both() {
     }
 }
 
-/// Power cuts, and answers that are damaged.
+/// Power cuts, and answers or pictures that are damaged.
 #[test]
-fn a_pixy2_starts_again() {
+fn a_pixy_starts_again() {
+    for kind in [CameraKind::Pixy2, CameraKind::Pixy] {
+        starts_again(kind);
+    }
+}
+
+fn starts_again(kind: CameraKind) {
     let tables = "[[event]]\nat_s = 25.0\naction = { unplug-camera = { node = 3, for_s = 3.0 } }\n";
     let yard = Yard {
         tables,
         ..Yard::default()
     };
     let mut scenario = yard.scenario(1);
-    scenario.camera.kind = CameraKind::Pixy2;
+    scenario.camera.kind = kind;
     scenario.camera.faults = [("corrupt_line".to_owned(), 0.05)].into();
-    assert_all_calibrated(&run(scenario), "a Pixy2 without power");
+    assert_all_calibrated(&run(scenario), &format!("{kind:?} without power"));
+}
+
+/// All cameras are of a kind that streams blobs.
+#[test]
+fn cameras_that_stream() {
+    for kind in [CameraKind::Pixy, CameraKind::OpenMv] {
+        let mut records = Vec::new();
+        for seed in 1..=3 {
+            let mut scenario = Yard::default().scenario(seed);
+            scenario.camera.kind = kind;
+            let record = run(scenario);
+            assert_all_calibrated(&record, &format!("{kind:?}, seed {seed}"));
+            records.push(record);
+        }
+        assert_fair(&records);
+    }
+}
+
+/// Both have the same colour. Each wears the tag of its number, and is never taken for the other one.
+#[test]
+fn two_targets_with_tags() {
+    let mut records = Vec::new();
+    for seed in 1..=3 {
+        let yard = Yard {
+            targets: "{ id = 20, radius = 0.4, stops = [STOPS] }, { id = 21, radius = 0.4, stops = \
+                      [[5.0, 4.1], [3.1, 4.4], [4.0, 3.4], [3.5, 5.1], [5.3, 4.6], [4.4, 3.7], \
+                      [2.9, 3.8], [5.6, 3.6]] }",
+            ..Yard::default()
+        };
+        let mut scenario = yard.scenario(seed);
+        scenario.camera.kind = CameraKind::OpenMvTags;
+        let record = run(scenario);
+        assert_calibrated_within(&record, &format!("seed {seed}"), 0.6);
+        for target in &record.targets {
+            let last = target.stops.last().unwrap();
+            let believed = last.believed.unwrap_or_else(|| {
+                panic!("seed {seed}: target {} never learnt where it is", target.id)
+            });
+            let error = (believed.x - last.x).hypot(believed.y - last.y);
+            assert!(error < 5.0 * believed.sigma_x.hypot(believed.sigma_y));
+        }
+        let seen = |id| {
+            let mut cameras = record.cameras();
+            cameras.any(|camera| camera.residuals.iter().any(|r| r.target == id))
+        };
+        assert!(seen(TARGET) && seen(21));
+        records.push(record);
+    }
+    assert_fair(&records);
 }
 
 /// The references, their distance from each other, and the direction of the target's compass are not
