@@ -105,7 +105,7 @@ impl PixyDevice {
 }
 
 impl PixyDevice {
-    /// What is before it at a time, and its faults.
+    /// Puts before it what is there at a time, and sets its faults.
     fn look(&mut self, now: Time) {
         (self.scene)(now, self.emulator.scene_mut());
         let rate = self.faults.get().corrupt_line;

@@ -4,7 +4,7 @@
 //! code), the sum of the words that follow, signature, x, y, width, height, and of a code its angle. A further 0xAA55
 //! before the first block begins a picture. Zero words fill gaps: the end of a picture, or one with nothing in it.
 //!
-//! Who listens from any byte on finds the next block. What looks like a synchronisation word inside a block has no sum
+//! The next block is found from any byte on. What looks like a synchronisation word inside a block has no sum
 //! that holds; then one byte is dropped, and the next word is looked for. A line may have lost one byte.
 
 use crate::block::Block;
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// What OpenMV's own scripts have sent, see `tests/data/openmv`: nothing in every third picture.
+    /// Bytes that OpenMV's own scripts have sent, see `tests/data/openmv`: nothing in every third picture.
     #[test]
     fn bytes_of_other_programs() {
         let blobs = heard(include_bytes!("../../../tests/data/openmv/blobs.bin"));
@@ -244,7 +244,7 @@ mod tests {
                 bytes.extend(begins.then_some([0x55, 0xAA]).into_iter().flatten());
                 bytes.extend(words(block, *is_code));
             }
-            // Whoever connects later loses what had begun, and no more. What waits for bytes that never come
+            // A listener that connects later loses what had begun, and no more. What waits for bytes that never come
             // gets zeros.
             let cut = cut.min(bytes.len());
             bytes.extend([0; 20]);

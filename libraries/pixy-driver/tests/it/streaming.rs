@@ -52,7 +52,7 @@ fn answers(model: Model, request: Request, bytes: &[u8]) -> Vec<Vec<u16>> {
     answers
 }
 
-/// Whoever connects in the middle loses the picture under way, and no more.
+/// A listener that connects in the middle loses the picture under way, and no more.
 #[test]
 fn pictures_from_any_byte_on() {
     let none = vec![];
