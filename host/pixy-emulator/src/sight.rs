@@ -9,7 +9,8 @@
 //! numbers and rows. Blobs of less than 20 units, or of two rows or less, are dropped; boxes of one
 //! signature that are near one another become one.
 //!
-//! An OpenMV Cam looks at every pixel of 320 x 240. Blobs of less than 10 pixels are dropped.
+//! An OpenMV Cam looks at every pixel of 320 x 240. Blobs of less than 20 pixels are dropped, as of its script when that
+//! is set for small objects; blobs of one signature whose boxes are near become one.
 
 use std::array;
 
@@ -54,12 +55,14 @@ const GAP: usize = 5;
 const DARK: f64 = 45.0;
 const LEAST_AREA: usize = 20;
 /// Of an OpenMV Cam, pixels.
-const LEAST_PIXELS: usize = 10;
+const LEAST_PIXELS: usize = 20;
 /// Columns and rows of the smallest tag that is found.
 const LEAST_TAG: f64 = 10.0;
 const LEAST_ROWS: usize = 2;
 /// Boxes nearer than that become one.
 const MERGED: u16 = 7;
+/// The same of an OpenMV Cam.
+const MARGIN: u16 = 5;
 
 /// A blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -361,19 +364,20 @@ fn connected(segments: &[Segment], raster: Raster) -> Vec<Found> {
             mass,
         });
     }
-    while !raster.is_exact && merge(&mut blobs) {}
+    let margin = if raster.is_exact { MARGIN } else { MERGED };
+    while merge(&mut blobs, margin) {}
     blobs
 }
 
 /// Makes one of two boxes of a signature that are near one another.
-fn merge(blobs: &mut Vec<Found>) -> bool {
+fn merge(blobs: &mut Vec<Found>, margin: u16) -> bool {
     for a in 0..blobs.len() {
         for b in a + 1..blobs.len() {
             let ([left, top, right, bottom], other) = (blobs[a].edges, blobs[b].edges);
-            let near = left <= other[2] + MERGED
-                && other[0] <= right + MERGED
-                && top <= other[3] + MERGED
-                && other[1] <= bottom + MERGED
+            let near = left <= other[2] + margin
+                && other[0] <= right + margin
+                && top <= other[3] + margin
+                && other[1] <= bottom + margin
                 && blobs[a].signature == blobs[b].signature;
             if near {
                 blobs[a].edges = [
@@ -382,7 +386,9 @@ fn merge(blobs: &mut Vec<Found>) -> bool {
                     right.max(other[2]),
                     bottom.max(other[3]),
                 ];
-                blobs.remove(b);
+                let mass = blobs.remove(b).mass;
+                let merged = blobs[a].mass.iter_mut().zip(mass);
+                merged.for_each(|(sum, more)| *sum += more);
                 return true;
             }
         }

