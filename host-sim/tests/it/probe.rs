@@ -924,41 +924,88 @@ impl Drop for Pixy2 {
 }
 
 #[test]
-fn a_pixy2_records_then_solve() {
-    let files = Files::new();
-    let file = files.path("s.csv");
-    for (x, y) in [(4.0, 2.9), (3.2, 4.0), (3.4, 2.6), (2.6, 3.4)] {
-        let scene = files.write(
-            "ball.toml",
-            &format!(
-                "[background]\nplain = [110, 110, 110]\n\
-                 [camera]\nfov_deg = 60.0\nx = 1.0\ny = 2.0\nheading_deg = 30.0\n\
-                 [[object]]\ncolour = [220, 110, 40]\nstops = [{{ x = {x}, y = {y}, radius = 0.1 }}]\n"
-            ),
-        );
-        let scene = format!("scene={scene}");
-        let place = format!("{x},{y}");
-        let done = run(&[
-            &["probe", "--camera", "pixy2", "--emulate", &scene][..],
-            &["--fov-deg", "60", "--record", &file, "--at", &place],
-        ]
-        .concat());
-        assert_eq!(done.code, 0, "{}", done.stderr);
-        let begin = format!("camera,{place}: column ");
-        assert!(done.stdout.starts_with(&begin), "{}", done.stdout);
+fn all_of_the_pixy_family_record_then_solve() {
+    let ball = ("", 0.1);
+    for (kind, fov, columns, (shape, radius)) in [
+        ("pixy2", "60", "316", ball),
+        ("pixy", "75", "320", ball),
+        ("openmv", "70.8", "320", ball),
+        ("openmv-tags", "70.8", "160", ("shape = { tag = 4 }\n", 0.3)),
+    ] {
+        let files = Files::new();
+        let file = files.path("s.csv");
+        for (x, y) in [(4.0, 2.9), (3.2, 4.0), (3.4, 2.6), (2.6, 3.4)] {
+            let scene = files.write(
+                "ball.toml",
+                &format!(
+                    "[background]\nplain = [110, 110, 110]\n\
+                     [camera]\nfov_deg = {fov}\nx = 1.0\ny = 2.0\nheading_deg = 30.0\n\
+                     [[object]]\ncolour = [220, 110, 40]\n{shape}\
+                     stops = [{{ x = {x}, y = {y}, radius = {radius} }}]\n"
+                ),
+            );
+            let scene = format!("scene={scene}");
+            let place = format!("{x},{y}");
+            let done = run(&[
+                &["probe", "--camera", kind, "--emulate", &scene, "--tag", "4"][..],
+                &["--fov-deg", fov, "--record", &file, "--at", &place],
+            ]
+            .concat());
+            assert_eq!(done.code, 0, "{kind}: {}", done.stderr);
+            let begin = format!("camera,{place}: column ");
+            assert!(done.stdout.starts_with(&begin), "{kind}: {}", done.stdout);
+        }
+        let solve = ["solve", &file, "--fov-deg", fov, "--json"];
+        let done = run(&[&solve[..], &["--columns", columns]].concat());
+        assert_eq!(done.code, 0, "{kind}: {}", done.stderr);
+        let pose: Value = serde_json::from_str(&done.stdout).unwrap();
+        assert!((number(&pose, "x") - 1.0).abs() < 0.1, "{kind}: {pose}");
+        assert!((number(&pose, "y") - 2.0).abs() < 0.1, "{kind}: {pose}");
+        let turned = number(&pose, "heading_rad") - 30_f64.to_radians();
+        assert!(turned.abs() < 0.02, "{kind}: {pose}");
+        // They are not columns of a CMUcam2.
+        let wrong = run(&solve);
+        if kind != "openmv-tags" {
+            assert_ne!(wrong.code, 0, "{kind}: {}", wrong.stdout);
+            assert!(
+                wrong.stderr.contains("--columns"),
+                "{kind}: {}",
+                wrong.stderr
+            );
+        }
     }
-    let solve = ["solve", &file, "--fov-deg", "60", "--json"];
-    let done = run(&[&solve[..], &["--columns", "316"]].concat());
-    assert_eq!(done.code, 0, "{}", done.stderr);
-    let pose: Value = serde_json::from_str(&done.stdout).unwrap();
-    assert!((number(&pose, "x") - 1.0).abs() < 0.1, "{pose}");
-    assert!((number(&pose, "y") - 2.0).abs() < 0.1, "{pose}");
-    let turned = number(&pose, "heading_rad") - 30_f64.to_radians();
-    assert!(turned.abs() < 0.02, "{pose}");
-    // They are not columns of a CMUcam2.
-    let wrong = run(&solve);
-    assert_ne!(wrong.code, 0, "{}", wrong.stdout);
-    assert!(wrong.stderr.contains("--columns"), "{}", wrong.stderr);
+}
+
+/// A stream, at another rate than is tried first; another tag than the one that is looked for; and none at all.
+#[test]
+fn a_stream_is_found_and_told_from_silence() {
+    let probe = |kind: &str, more: &[&str]| {
+        run(&[&["probe", "--camera", kind, "--count", "6", "--json"], more].concat())
+    };
+    for (kind, columns) in [("pixy", 320.0), ("openmv", 320.0), ("openmv-tags", 160.0)] {
+        let done = probe(kind, &["--emulate", "baud=57600"]);
+        assert_eq!(done.code, 0, "{}", done.stderr);
+        assert!(done.stderr.contains("at 57600 baud"), "{}", done.stderr);
+        let lines = done.stdout.lines();
+        let mut places = lines.map(|line| number(&serde_json::from_str(line).unwrap(), "x"));
+        // Its usual scene has something near the middle.
+        assert!(places.all(|x| (x - columns / 2.0).abs() < 0.1 * columns));
+    }
+    let other = probe("openmv-tags", &["--emulate", "", "--tag", "7"]);
+    assert!(
+        other.stdout.contains("\"blocks\":0,\"x\":null"),
+        "{}",
+        other.stdout
+    );
+    let (_device, _port, silent) = LineEnd::pair();
+    for (kind, name) in [
+        ("pixy", "no Pixy is heard"),
+        ("openmv", "no OpenMV Cam is heard"),
+    ] {
+        let done = probe(kind, &["--port", &silent, "--baud", "19200"]);
+        assert_ne!(done.code, 0);
+        assert!(done.stderr.contains(name), "{}", done.stderr);
+    }
 }
 
 /// At another rate the camera understands nothing.

@@ -82,6 +82,24 @@ fn cameras_that_stream() {
     }
 }
 
+/// The thesis's experiment with each kind of camera. A tag must be larger than the ball to be found.
+#[test]
+fn the_lab_with_each_kind() {
+    for kind in [
+        CameraKind::Pixy2,
+        CameraKind::Pixy,
+        CameraKind::OpenMv,
+        CameraKind::OpenMvTags,
+    ] {
+        let mut scenario = Scenario::load("lab", &Overrides::default()).unwrap();
+        scenario.camera.kind = kind;
+        if kind == CameraKind::OpenMvTags {
+            scenario.networks[0].targets[0].radius = 1.2;
+        }
+        assert_calibrated_within(&run(scenario), &format!("lab, {kind:?}"), 1.4);
+    }
+}
+
 /// Both have the same colour. Each wears the tag of its number, and is never taken for the other one.
 #[test]
 fn two_targets_with_tags() {

@@ -159,6 +159,24 @@ fn a_node_with_a_pixy2() {
     make(&["--motion=12"]).fails("only a Pixy2");
 }
 
+/// Each kind has its own picture and lens; tags need no colours.
+#[test]
+fn a_node_with_a_camera_that_streams() {
+    for (kind, model) in [
+        ("pixy", Model::Pixy),
+        ("openmv", Model::OpenMv),
+        ("openmv-tags", Model::OpenMvTags),
+    ] {
+        let place = Place::with_key();
+        let kind = format!("--kind={kind}");
+        let view = format!("--field-of-view={}", model.field_of_view_deg());
+        let all = ["provision", KEY, "--role=camera", "--id=3", &kind, &view];
+        place.run(&[&all[..], &["--out=page.bin"]].concat()).ok();
+        let role = decode(&place, "page.bin").role;
+        assert_eq!(role, RoleConfig::Camera(CameraConfig::pixy(model, 1)));
+    }
+}
+
 #[test]
 fn every_role_has_usual_values() {
     let place = Place::with_key();

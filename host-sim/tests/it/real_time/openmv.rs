@@ -24,7 +24,7 @@ high = [11.0, 11.0]
 
 [walk]
 speed = 1.0
-arrive_within = 0.0
+arrive_within = 0.001
 
 [sensor]
 measures = false
