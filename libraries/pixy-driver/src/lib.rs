@@ -9,6 +9,7 @@
 //! | [`block`] | The blobs of a frame |
 //! | [`session`] | The dialogue, sans-IO: bytes and times in, bytes and answers out |
 //! | [`device`] | [`Pixy`], the session on an `embedded-io` UART, async or blocking |
+//! | [`i2c`] | A Pixy2 on an I2C bus, in the place of a UART |
 //!
 //! # The devices at the other end
 //! A Pixy2 whose data port is set to UART (`PixyMon`: Configure, Interface, "Data out port"), in the
@@ -60,6 +61,7 @@
 
 pub mod block;
 pub mod device;
+pub mod i2c;
 pub mod model;
 pub mod packet;
 pub mod session;

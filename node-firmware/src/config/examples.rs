@@ -70,6 +70,17 @@ pub(crate) fn pixy2() -> CameraConfig {
     }
 }
 
+/// The same with an OpenMV Cam that looks for tags.
+pub(crate) fn tags() -> CameraConfig {
+    CameraConfig {
+        kind: CameraKind::OpenMvTags,
+        lens: Lens::pin_hole(160, 70.75),
+        baud: 19_200,
+        subjects: Subjects::Tags,
+        ..camera()
+    }
+}
+
 pub(crate) fn target() -> TargetConfig {
     TargetConfig {
         colour: 2,

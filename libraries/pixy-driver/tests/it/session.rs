@@ -5,7 +5,7 @@ use std::{cell::RefCell, collections::VecDeque, convert::Infallible, rc::Rc};
 
 use embassy_futures::block_on;
 use pixy_driver::{
-    Block, Error, Model, Pixy,
+    Block, Error, Model, Pixy, i2c,
     packet::{Request, Signatures},
     session::{Answer, Fault, Policy, Session, Version},
 };
@@ -272,6 +272,82 @@ fn blocks_are_those_of_the_signature_that_is_asked_for() {
     );
     let never = camera.blocks_wait(one, 2).map(Iterator::count);
     assert_eq!(never, Err(Error::Camera(Fault::Garbled)));
+}
+
+/// A bus with the same camera: it gives zeros where it has nothing to say, and is not acknowledged while it is off.
+struct Bus(Line, bool);
+
+impl embedded_hal::i2c::ErrorType for Bus {
+    type Error = embedded_hal::i2c::ErrorKind;
+}
+
+impl embedded_hal::i2c::I2c for Bus {
+    fn transaction(
+        &mut self,
+        address: u8,
+        operations: &mut [embedded_hal::i2c::Operation<'_>],
+    ) -> Result<(), Self::Error> {
+        use embedded_hal::i2c::{ErrorKind, NoAcknowledgeSource, Operation};
+        if address != i2c::ADDRESS || !self.1 {
+            return Err(ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address));
+        }
+        let mut camera = self.0.0.borrow_mut();
+        for operation in operations {
+            match operation {
+                Operation::Write(bytes) => bytes.iter().for_each(|&byte| camera.hear(byte)),
+                Operation::Read(buffer) => {
+                    for place in buffer.iter_mut() {
+                        *place = camera.answers.pop_front().unwrap_or(0);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl embedded_hal_async::i2c::I2c for Bus {
+    async fn transaction(
+        &mut self,
+        address: u8,
+        operations: &mut [embedded_hal::i2c::Operation<'_>],
+    ) -> Result<(), Self::Error> {
+        embedded_hal::i2c::I2c::transaction(self, address, operations)
+    }
+}
+
+#[test]
+fn the_same_camera_on_a_bus() {
+    let line = Line::default();
+    let camera = |address, is_on| {
+        let bus = i2c::I2cLine::new(Bus(line.clone(), is_on), address);
+        Pixy::new(Model::Pixy2, bus, Delay)
+    };
+    let mut on_bus = camera(i2c::ADDRESS, true);
+    line.0.borrow_mut().blocks = [BALL, BALL].concat();
+    line.0.borrow_mut().busy = 3;
+    line.0.borrow_mut().damaged = 1;
+    assert_eq!(on_bus.resolution_wait(), Ok((316, 208)));
+    assert_eq!(block_on(on_bus.resolution()), Ok((316, 208)));
+    let one = Signatures::one(1);
+    assert_eq!(on_bus.blocks_wait(one, 2).map(Iterator::count), Ok(2));
+    let found = block_on(async { on_bus.blocks(one, 2).await.map(Iterator::count) });
+    assert_eq!(found, Ok(2));
+    // A camera that says nothing is silent, and one that is off is told by the bus.
+    line.0.borrow_mut().deaf = u32::MAX;
+    let silent = Err(Error::Camera(Fault::Silence));
+    assert_eq!(on_bus.resolution_wait(), silent);
+    assert_eq!(block_on(on_bus.resolution()), silent);
+    for mut off in [camera(i2c::ADDRESS, false), camera(0x55, true)] {
+        let outcomes = [off.resolution_wait(), block_on(off.resolution())];
+        for outcome in outcomes {
+            let Err(Error::Uart(error)) = outcome else {
+                panic!("{outcome:?}")
+            };
+            let kind = embedded_io::Error::kind(&error);
+            assert_eq!(kind, embedded_io::ErrorKind::NotConnected);
+        }
+    }
 }
 
 proptest! {

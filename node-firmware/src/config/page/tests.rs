@@ -7,7 +7,7 @@ use super::*;
 use crate::{
     config::{
         CameraConfig, RoleConfig, SiteKey, Subjects,
-        examples::{ORANGE, camera, coordinator, node, pixy2, target},
+        examples::{ORANGE, camera, coordinator, node, pixy2, tags, target},
     },
     vision::{CameraKind, Lens},
 };
@@ -47,12 +47,13 @@ fn golden_pages() {
     assert_eq!(examples().map(|(_, page)| hex(&page)), GOLDEN);
 }
 
-fn examples() -> [(&'static str, Vec<u8>); 4] {
+fn examples() -> [(&'static str, Vec<u8>); 5] {
     [
         ("camera", RoleConfig::Camera(camera())),
         ("target", RoleConfig::Target(target())),
         ("coordinator", RoleConfig::Coordinator(coordinator(2))),
         ("pixy2", RoleConfig::Camera(pixy2())),
+        ("tags", RoleConfig::Camera(tags())),
     ]
     .map(|(name, role)| (name, page(&node(role))))
 }
@@ -264,9 +265,10 @@ proptest! {
     }
 }
 
-const GOLDEN: [&str; 4] = [
+const GOLDEN: [&str; 5] = [
     "434e6f6409005f000301303132333435363738396162636465668090c210fc0601005800003442000080ac02010001aaf03c8c10500101010100002041000000bf00010000204100030501cdcc4c3d0000803e0000003f000000410000803dcdcc4c3d0000803f22b4f3e9",
     "434e6f64090052000301303132333435363738396162636465668090c210fc060202dc0b0000003f0000803c0ad7a33c0000403fd00fc0a90700cdcc4c3d0000803f0ad7233c0ad7a33c000048410000f0c10000803e0000003f329ce84f",
     "434e6f64090026000301303132333435363738396162636465668090c210fc0600020102ac02a913d03c0000403f52bbb864",
     "434e6f6409005a000301303132333435363738396162636465668090c210fc060101bc020000704200008096010102020101010100002041000000bf00010000204100030501cdcc4c3d0000803e0000003f000000410000803dcdcc4c3d0000803fce8fbeb2",
+    "434e6f64090059000301303132333435363738396162636465668090c210fc060104a00100808d42000080960101030101010100002041000000bf00010000204100030501cdcc4c3d0000803e0000003f000000410000803dcdcc4c3d0000803faf012461",
 ];
