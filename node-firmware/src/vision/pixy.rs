@@ -13,12 +13,12 @@
 //! [lopsided](super::Look::Lopsided).
 //!
 //! # Its columns
-//! A Pixy2's blobs are told in 316 columns, but found in 158 units of two; the original's in 320 and 160. By the maker's firmware
-//! (`charmedlabs/pixy2`, `rls_m0.c` and `blobs.cpp`), a row's blob begins with the first unit of its colour,
-//! and is noticed to go on every fourth unit only. It is told to end with the unit after the last noticed
+//! A Pixy2's blobs are told in 316 columns, but found in 158 units of two; the original's in 320 and 160. By the
+//! maker's firmware (`charmedlabs/pixy2`, `rls_m0.c` and `blobs.cpp`), a row's blob begins with the first unit of
+//! its colour, and is noticed to go on every fourth unit only. It is told to end with the unit after the last noticed
 //! one. Rows of a round object begin and end at different units, and the widest counts, so that its right
 //! edge is told up to some units too far left, and never too far right. Over balls of 10 to 50 columns before
-//! an emulated camera that does the same (`tests/pixy2.rs`), the left edge errs by 0.6 columns (one sigma:
+//! an emulated camera that does the same (`tests/pixy.rs`), the left edge errs by 0.6 columns (one sigma:
 //! that of a unit), the right one by 1.65 too little on average and by 1.5 about that, the middle by 0.7. So
 //! the average loss is added, and both edges count as known to 3.5 columns. Balls of less than 10 columns are
 //! told by up to a column too far left.
