@@ -12,6 +12,8 @@ use crate::{calm, runs::Outcome};
 pub const SIGMAS: f64 = 5.0;
 /// See [`SIGMAS`].
 pub const UNITS: f64 = 0.5;
+/// A heading that is told as good may err by [`SIGMAS`], or by so many degrees.
+pub const DEGREES: f64 = 2.0;
 
 /// Condition that does not hold.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +35,15 @@ pub enum Failure {
         /// Its error, in the unit of the site.
         error: f64,
         /// The same in sigmas of the direction in which it errs.
+        sigmas: f64,
+    },
+    /// The same of a heading: more than five sigmas, and more than two degrees.
+    Turned {
+        /// The camera.
+        camera: u16,
+        /// Its error.
+        degrees: f64,
+        /// The same in its sigmas.
         sigmas: f64,
     },
     /// A camera that saw enough after the last fault is not calibrated.
@@ -70,18 +81,21 @@ pub enum Kind {
     Unprotected,
     /// [`Failure::Deceives`]
     Deceives,
+    /// [`Failure::Turned`]
+    Turned,
     /// [`Failure::Late`]
     Late,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Panic,
         Self::Hang,
         Self::Stopped,
         Self::Unprotected,
         Self::Deceives,
+        Self::Turned,
         Self::Late,
     ];
 
@@ -93,6 +107,7 @@ impl Kind {
             Self::Stopped => "firmware gave up",
             Self::Unprotected => "checked, beyond its protection level",
             Self::Deceives => "calibrated, beyond 5 sigma and 0.5 units",
+            Self::Turned => "calibrated, heading beyond 5 sigma and 2 degrees",
             Self::Late => "saw enough, not calibrated",
         }
     }
@@ -104,6 +119,7 @@ impl Failure {
         match self {
             Self::Unprotected { .. } => Kind::Unprotected,
             Self::Deceives { .. } => Kind::Deceives,
+            Self::Turned { .. } => Kind::Turned,
             Self::Late { .. } => Kind::Late,
             Self::Stopped { .. } => Kind::Stopped,
             Self::Panicked(_) => Kind::Panic,
@@ -127,9 +143,25 @@ impl fmt::Display for Failure {
                 camera,
                 error,
                 sigmas,
+            } if sigmas.is_infinite() => write!(
+                f,
+                "camera {camera} is calibrated at the place that it was given, {error:.2} units off"
+            ),
+            Self::Deceives {
+                camera,
+                error,
+                sigmas,
             } => write!(
                 f,
                 "camera {camera} is calibrated and errs by {error:.2} units, {sigmas:.0} sigmas"
+            ),
+            Self::Turned {
+                camera,
+                degrees,
+                sigmas,
+            } => write!(
+                f,
+                "camera {camera} is calibrated and its heading errs by {degrees:.1} degrees, {sigmas:.0} sigmas"
             ),
             Self::Late {
                 camera,
@@ -194,30 +226,34 @@ impl Judgement {
     }
 }
 
-/// Distance of a camera's pose from the truth, and the same in predicted sigmas of that direction. A given place
-/// has no sigma, so that any error of it is beyond all of them.
+/// Distance of a camera's pose from the truth, and the same in predicted sigmas, for the directions in which it was
+/// estimated. A given place has no sigma, so that any error of it is beyond all of them.
 pub fn position_error(camera: &Node) -> Option<(f64, f64)> {
-    let (estimate, error) = (camera.estimate?, camera.error?);
-    let distance = error.x.hypot(error.y);
-    let [xx, xy, _, yy, ..] = estimate.covariance;
-    let determinant = xx * yy - xy * xy;
-    let sigmas = match determinant > 0.0 {
-        true => {
-            let squares =
-                yy * error.x * error.x - 2.0 * xy * error.x * error.y + xx * error.y * error.y;
-            (squares / determinant).sqrt()
-        }
-        false => f64::INFINITY,
-    };
-    Some((distance, sigmas))
+    let error = camera.error?;
+    let sigmas = camera
+        .position_fit()
+        .map_or(f64::INFINITY, |fit| fit.chi_squared.sqrt());
+    Some((error.x.hypot(error.y), sigmas))
 }
 
-/// The error of a pose that is told as good, if it is more than five sigmas and half a unit.
+/// The error of a pose that is told as good, if it is more than five sigmas, and more than half a unit or two
+/// degrees.
 pub fn deceives(camera: &Node) -> Option<Failure> {
-    let (error, sigmas) = position_error(camera).filter(|_| camera.is_calibrated())?;
-    (error > UNITS && sigmas > SIGMAS).then_some(Failure::Deceives {
+    if !camera.is_calibrated() {
+        return None;
+    }
+    let (error, sigmas) = position_error(camera)?;
+    if error > UNITS && sigmas > SIGMAS {
+        return Some(Failure::Deceives {
+            camera: camera.id,
+            error,
+            sigmas,
+        });
+    }
+    let (degrees, sigmas) = camera.heading_error()?;
+    (degrees > DEGREES && sigmas > SIGMAS).then_some(Failure::Turned {
         camera: camera.id,
-        error,
+        degrees,
         sigmas,
     })
 }
@@ -306,7 +342,7 @@ fn is_false_alarm(camera: &Node, status: Status) -> bool {
 mod tests {
     use super::*;
     use calib_core::Pose;
-    use nalgebra::{Matrix3, Point2};
+    use nalgebra::{Matrix3, Point2, Vector3};
     use results::record::{Place, Role};
 
     /// A camera at the origin that errs so much along x, with this sigma.
@@ -340,6 +376,46 @@ mod tests {
         ] {
             let told = deceives(&camera(error, sigma, status));
             assert_eq!(told.is_some(), is_told, "{error} {sigma} {status:?}");
+        }
+    }
+
+    #[test]
+    fn a_heading_deceives_as_a_place_does() {
+        for (degrees, sigma_deg, is_told) in [
+            (3.0, 0.5, true),
+            (3.0, 0.7, false),
+            (1.9, 0.1, false),
+            // It was given.
+            (3.0, 0.0, false),
+        ] {
+            let mut node = camera(0.0, 0.1, Status::Calibrated);
+            node.set_pose(&Pose {
+                position: Point2::origin(),
+                heading: f64::to_radians(degrees),
+                covariance: Matrix3::from_diagonal(&Vector3::new(
+                    0.01,
+                    0.01,
+                    f64::to_radians(sigma_deg).powi(2),
+                )),
+            });
+            let is_turned = matches!(deceives(&node), Some(Failure::Turned { .. }));
+            assert_eq!(is_turned, is_told, "{degrees} {sigma_deg}");
+        }
+    }
+
+    /// The frame says that a second reference has no error across the line between both: its other direction
+    /// counts.
+    #[test]
+    fn a_direction_that_was_given_has_no_sigmas() {
+        for (error, sigmas) in [(0.3, 3.0), (0.6, 6.0)] {
+            let mut node = camera(0.0, 1.0, Status::Calibrated);
+            node.set_pose(&Pose {
+                position: Point2::new(error, 0.1),
+                heading: 0.0,
+                covariance: Matrix3::from_diagonal(&Vector3::new(0.01, 0.0, 1e-4)),
+            });
+            let (_, told) = position_error(&node).unwrap();
+            assert!((told - sigmas).abs() < 1e-9, "{told}");
         }
     }
 

@@ -15,7 +15,7 @@ use std::{
 };
 
 use host_sim::network::{Options, Simulation};
-use node_firmware::config::TargetConfig;
+use node_firmware::{config::TargetConfig, message::ProtectionLevel};
 use results::record::RunRecord;
 use site::{Scenario, ScenarioError};
 
@@ -100,9 +100,10 @@ pub fn run(scenario: &Scenario) -> Result<Outcome, ScenarioError> {
 /// A pose is checked where a level is known.
 fn protection(simulation: &Simulation) -> BTreeMap<u16, f64> {
     let reports = simulation.reports().into_iter();
-    let levels = reports.filter_map(|(id, report)| Some((id, report.joint?.position.into())));
+    let levels = reports.filter_map(|(id, report)| Some((id, report.joint?.position)));
     levels
-        .filter(|(_, level): &(u16, f64)| level.is_finite())
+        .filter(|(_, level)| *level < ProtectionLevel::NONE.position)
+        .map(|(id, level)| (id, level.into()))
         .collect()
 }
 

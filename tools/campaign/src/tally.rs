@@ -53,6 +53,7 @@ impl Tally {
             let size = match failure {
                 Failure::Unprotected { error, level, .. } => error / level,
                 Failure::Deceives { error, .. } => *error,
+                Failure::Turned { degrees, .. } => *degrees,
                 Failure::Late { status, reason, .. } => {
                     let reason = reason.map(|reason| format!(": {}", reason.name()));
                     let what = format!("{}{}", status.name(), reason.unwrap_or_default());
@@ -79,14 +80,19 @@ impl Tally {
         runs
     }
 
-    /// The share of the poses told as good that err by more than five sigmas and half a unit.
+    /// The share of the poses told as good that err by more than five sigmas, and by half a unit or two degrees.
     pub fn deceiving(&self) -> f64 {
-        self.count(Kind::Deceives) as f64 / self.calibrated.max(1) as f64
+        self.deceived() as f64 / self.calibrated.max(1) as f64
     }
 
     /// The share of the cameras that saw enough after the last fault and are not calibrated.
     pub fn late(&self) -> f64 {
         self.count(Kind::Late) as f64 / self.saw_enough.max(1) as f64
+    }
+
+    /// A pose is one of both kinds, never of both.
+    fn deceived(&self) -> usize {
+        self.count(Kind::Deceives) + self.count(Kind::Turned)
     }
 
     fn count(&self, kind: Kind) -> usize {
@@ -105,15 +111,32 @@ impl Tally {
     }
 }
 
+/// Percentage points of a standard normal distribution that 95 % are within.
+const Z: f64 = 1.96;
+
+/// Bounds of the share that 95 % of such counts are consistent with (Wilson 1927).
+fn interval(part: usize, of: usize) -> [f64; 2] {
+    if of == 0 {
+        return [0.0, 1.0];
+    }
+    let (count, share) = (of as f64, part as f64 / of as f64);
+    let middle = share + Z * Z / (2.0 * count);
+    let width = Z * (share * (1.0 - share) / count + Z * Z / (4.0 * count * count)).sqrt();
+    let scale = 1.0 + Z * Z / count;
+    [middle - width, middle + width].map(|bound| (bound / scale).clamp(0.0, 1.0))
+}
+
 fn percent(part: usize, of: usize) -> String {
-    format!("{:.2} %", 100.0 * part as f64 / of.max(1) as f64)
+    let [low, high] = interval(part, of).map(|share| 100.0 * share);
+    let share = 100.0 * part as f64 / of.max(1) as f64;
+    format!("{share:.2} % ({low:.2} to {high:.2})")
 }
 
 impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = Table::new();
         table.load_style(ASCII_MARKDOWN);
-        table.set_header(["of", "what", "count", "share"]);
+        table.set_header(["of", "what", "count", "share (95 %)"]);
         let mut row = |of: &str, what: String, count: usize, all: usize| {
             table.add_row([of.to_owned(), what, count.to_string(), percent(count, all)]);
         };
@@ -132,12 +155,17 @@ impl fmt::Display for Tally {
             self.checked,
             self.calibrated,
         );
-        let deceived = self.count(Kind::Deceives);
         row(
             "calibrated",
-            Kind::Deceives.name().into(),
-            deceived,
+            "deceived, by place or heading".into(),
+            self.deceived(),
             self.calibrated,
+        );
+        row(
+            "with a protection level",
+            Kind::Unprotected.name().into(),
+            self.count(Kind::Unprotected),
+            self.checked,
         );
         row(
             "saw enough",
@@ -177,5 +205,27 @@ impl fmt::Display for Tally {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Figures of the literature: Newcombe, Statistics in Medicine 17 (1998), table I.
+    #[test]
+    fn intervals_are_those_of_the_literature() {
+        for (part, of, low, high) in [
+            (81, 263, 0.2553, 0.3662),
+            (15, 148, 0.0624, 0.1605),
+            (0, 20, 0.0, 0.1611),
+            (1, 29, 0.0061, 0.1718),
+        ] {
+            let [a, b] = interval(part, of);
+            assert!(
+                (a - low).abs() < 1e-4 && (b - high).abs() < 1e-4,
+                "{part} of {of}: {a} {b}"
+            );
+        }
     }
 }

@@ -18,7 +18,7 @@
 use std::collections::BTreeSet;
 
 use calib_core::{Pose, Refusal, Sighting, Status, angle, camera::Projection, fit::Fit};
-use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 use node_firmware::message::Health;
 use serde::{Deserialize, Serialize};
 use site::planner::RARE;
@@ -345,6 +345,12 @@ pub struct PoseError {
     pub heading_deg: f64,
 }
 
+impl PoseError {
+    fn vector(&self) -> Vector3<f64> {
+        Vector3::new(self.x, self.y, self.heading_deg)
+    }
+}
+
 /// One sighting, and how well it fits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
@@ -481,6 +487,12 @@ impl Estimate {
         let place = estimate.x + estimate.y + estimate.heading_deg;
         let all = place + estimate.covariance.iter().sum::<f64>();
         all.is_finite().then_some(estimate)
+    }
+
+    /// The covariance, in units and degrees.
+    fn matrix(&self) -> Matrix3<f64> {
+        let [xx, xy, xt, yy, yt, tt] = self.covariance;
+        Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt)
     }
 
     /// The pose in radians.
@@ -712,30 +724,56 @@ impl Node {
     /// Fit of its true error to its predicted covariance, for the part of its pose that was not given; `None`
     /// without a pose and a truth.
     pub fn truth_fit(&self) -> Option<Fit<f64>> {
-        if let Some(nees) = self.nees {
-            return Some(Fit {
-                chi_squared: nees,
-                degrees_of_freedom: 3,
-            });
-        }
         let (estimate, error) = (self.estimate?, self.error?);
-        let parts = [
-            (error.x, estimate.sigma_x),
-            (error.y, estimate.sigma_y),
-            (error.heading_deg, estimate.sigma_heading_deg),
-        ];
-        let estimated = parts.iter().filter(|(_, sigma)| *sigma > 0.0);
-        let one = |&(error, sigma): &(f64, f64)| Fit {
-            chi_squared: (error / sigma).powi(2),
-            degrees_of_freedom: 1,
-        };
-        estimated.map(one).reduce(Fit::and)
+        fit_where_estimated(&error.vector(), &estimate.matrix())
+    }
+
+    /// Fit of the true error of its position alone, as [`truth_fit`](Self::truth_fit).
+    pub fn position_fit(&self) -> Option<Fit<f64>> {
+        let (estimate, error) = (self.estimate?, self.error?);
+        let place = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0));
+        fit_where_estimated(&error.vector(), &(place * estimate.matrix() * place))
+    }
+
+    /// True error of its heading in degrees, and the same in its sigmas; `None` where the heading was given.
+    pub fn heading_error(&self) -> Option<(f64, f64)> {
+        let (estimate, error) = (self.estimate?, self.error?);
+        let sigma = estimate.sigma_heading_deg;
+        (sigma > 0.0).then(|| (error.heading_deg.abs(), error.heading_deg.abs() / sigma))
     }
 
     /// Returns true if it has a camera.
     pub fn is_camera(&self) -> bool {
         self.role == Role::Camera
     }
+}
+
+/// A variance below this share of the largest is rounding: that direction was given, and not estimated.
+const GIVEN: f64 = 1e-9;
+
+/// Squared error over covariance, in the directions that have a variance. `None` if none has.
+fn fit_where_estimated(error: &Vector3<f64>, covariance: &Matrix3<f64>) -> Option<Fit<f64>> {
+    // Units and degrees differ in size: only correlations tell which directions have no variance.
+    let scale = covariance.diagonal().map(|variance| {
+        if variance > 0.0 {
+            variance.sqrt().recip()
+        } else {
+            0.0
+        }
+    });
+    let scaling = Matrix3::from_diagonal(&scale);
+    let eigen = (scaling * covariance * scaling).symmetric_eigen();
+    let error = eigen.eigenvectors.transpose() * error.component_mul(&scale);
+    let least = GIVEN * eigen.eigenvalues.max();
+    let estimated = error
+        .iter()
+        .zip(&eigen.eigenvalues)
+        .filter(|(_, variance)| **variance > least);
+    let one = |(error, variance): (&f64, &f64)| Fit {
+        chi_squared: error * error / variance,
+        degrees_of_freedom: 1,
+    };
+    estimated.map(one).reduce(Fit::and)
 }
 
 /// A sighting's residual and its standard deviation, radians, as the [least
