@@ -13,7 +13,9 @@ use anyhow::{Context, ensure};
 use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::{animation, report};
-use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Progress, Simulation, TrackRow};
+use host_sim::network::{
+    CHIP_IMAGE, Chips, FurtherEnd, Onlooker, Options, Progress, Simulation, TrackRow,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
 use results::record::{Node, RunRecord, event::Event, verdict::status_words};
@@ -260,10 +262,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         tell(format_args!(
             "{} further stops, as the verdict asked{}",
             simulation.further_stops(),
-            if simulation.further_stops() >= arguments.further_stops {
-                ": no more are allowed (--further-stops)"
-            } else {
-                ""
+            match simulation.further_end() {
+                Some(FurtherEnd::Spent) => ": no more are allowed (--further-stops)",
+                Some(FurtherEnd::InVain) => ": the last ones improved nothing",
+                Some(FurtherEnd::Unasked) | None => "",
             }
         ));
     }

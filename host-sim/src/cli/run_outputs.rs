@@ -35,9 +35,10 @@ pub(super) struct RecordOutputs {
     /// FILE`.
     #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
     ros: Option<PathBuf>,
-    /// Coordinates in which --csv, --yaml and --ros tell poses.
-    #[arg(long, value_name = "WHOSE", default_value = "network")]
-    frame: FrameOption,
+    /// Coordinates in which --csv, --yaml and --ros tell poses. Default: the building's, where the site file
+    /// tells the places of the references, or else the network's.
+    #[arg(long, value_name = "WHOSE")]
+    frame: Option<FrameOption>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -69,7 +70,8 @@ impl RecordOutputs {
     /// Writes the outputs that were asked for. Each failure is told or returned, and none keeps the
     /// others from being written.
     pub(super) fn write(&self, record: &RunRecord, wall: bool, end: &End) -> anyhow::Result<()> {
-        let frame = self.frame.into();
+        let told = self.frame.map(Frame::from);
+        let frame = told.unwrap_or_else(|| Frame::for_people(record));
         let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
             (&self.json, &|| Ok(end.mark_json(record.to_json(wall)?))),
             (&self.csv, &|| {

@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, rc::Rc};
 
 use nalgebra::Point2;
-use results::record::verdict::Verdict;
+use results::record::{RunRecord, verdict::Verdict};
 
 use super::{Simulation, outcome, walk::Orders};
 use site::{Network, TargetNode, planner};
@@ -15,6 +15,47 @@ pub(super) struct Further {
     most: usize,
     made: usize,
     orders: BTreeMap<u16, Rc<Orders>>,
+    /// What was known before the last stops to which targets were led.
+    before: Option<Vec<Known>>,
+    end: Option<FurtherEnd>,
+}
+
+/// Reason why targets are led to no further stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FurtherEnd {
+    /// No more stops are allowed.
+    Spent,
+    /// The last stops improved nothing.
+    InVain,
+    /// The verdict asks for none.
+    Unasked,
+}
+
+/// A camera's status, whether it is checked, its sigma, and what one wrong measurement could do to it.
+type Known = (u16, [bool; 2], [f64; 2]);
+
+/// An improvement by less than this share is none.
+const LEAST_GAIN: f64 = 0.02;
+
+fn known(record: &RunRecord) -> Vec<Known> {
+    let cameras = record.cameras().map(|camera| {
+        let sigma = camera.estimate.map(|estimate| estimate.sigma_position());
+        let level = camera.protection.map(|level| level.position);
+        (
+            camera.id,
+            [camera.is_calibrated(), camera.is_checked(&record.limits)],
+            [sigma, level].map(|value| value.unwrap_or(f64::INFINITY)),
+        )
+    });
+    cameras.collect()
+}
+
+/// Returns true if some camera is better known than before.
+fn is_better(before: &[Known], now: &[Known]) -> bool {
+    now.iter().zip(before).any(|((_, is, of), (_, was, had))| {
+        let gains = { of.iter().zip(had) }.any(|(of, had)| *of < (1.0 - LEAST_GAIN) * had);
+        gains || { is.iter().zip(was) }.any(|(is, was)| *is && !was)
+    })
 }
 
 impl Further {
@@ -24,6 +65,8 @@ impl Further {
             most,
             made: 0,
             orders: BTreeMap::new(),
+            before: None,
+            end: None,
         }
     }
 
@@ -37,6 +80,11 @@ impl Further {
         self.made < self.most
     }
 
+    /// Reason why targets are led to no further stop.
+    pub(super) fn end(&self) -> Option<FurtherEnd> {
+        self.end
+    }
+
     /// Stops to which targets were led.
     pub(super) fn made(&self) -> usize {
         self.made
@@ -47,9 +95,16 @@ impl Further {
 /// for no stop, or for more than are left.
 pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     if !simulation.further.is_left() {
+        simulation.further.end = Some(FurtherEnd::Spent);
         return None;
     }
     let record = outcome::record(simulation, 0.0);
+    let now = known(&record);
+    if { simulation.further.before.as_ref() }.is_some_and(|before| !is_better(before, &now)) {
+        simulation.further.end = Some(FurtherEnd::InVain);
+        return None;
+    }
+    simulation.further.before = Some(now);
     let verdict = Verdict::of(&record);
     let is_calibrated = |id: &u16| record.cameras().any(|c| c.id == *id && c.is_calibrated());
     let mut longest = None;
@@ -77,6 +132,9 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
         longest = longest.max(Some(simulation.patience(&way)));
         simulation.further.made += stops.len();
         simulation.further.orders_of(id).give(stops);
+    }
+    if longest.is_none() {
+        simulation.further.end = Some(FurtherEnd::Unasked);
     }
     longest
 }

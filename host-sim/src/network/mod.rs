@@ -66,6 +66,7 @@ pub use self::{
         EmulatorError,
         chips::{CHIP_IMAGE, Chips, outside},
     },
+    further::FurtherEnd,
     looking::Onlooker,
     many::{run_all, run_all_until},
     objects::{TrackRow, TrackingRun},
@@ -524,6 +525,11 @@ impl Simulation {
     /// Number of stops to which targets were led after those of their way.
     pub fn further_stops(&self) -> usize {
         self.further.made()
+    }
+
+    /// Reason why targets were led to no more stops, if they were to be led on.
+    pub fn further_end(&self) -> Option<FurtherEnd> {
+        self.further.end()
     }
 
     fn progress(&self) -> Progress {

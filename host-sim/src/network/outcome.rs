@@ -38,7 +38,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let scenario = &simulation.scenario;
     let mut nodes = Vec::new();
     let mut targets = Vec::new();
-    let mut obstacles = Vec::new();
+    let (mut obstacles, mut area) = (Vec::new(), Vec::new());
     let mut first = None;
     let mut records = Vec::new();
     let mut measured = Vec::new();
@@ -73,6 +73,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         if number == 0 {
             let all = simulation.site.world.obstacles().iter();
             obstacles.extend(all.map(|obstacle| view::outline(obstacle, &frame)));
+            area = view::area(&scenario.world, &frame);
         }
         let of_network = |id, role| Node {
             network: number + 1,
@@ -152,6 +153,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         targets,
         sightings: measured,
         obstacles,
+        area,
         radio: Some(radio(simulation, sim_seconds)),
         tracking: simulation.tracking.clone(),
         sim_seconds,

@@ -290,6 +290,7 @@ impl Prospect {
             world,
             bounds: self.bounds,
             radius: self.radius,
+            may_stand: None,
         }
     }
 

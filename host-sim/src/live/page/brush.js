@@ -14,7 +14,7 @@ class Brush {
 
   // A place of a network on the screen.
   placed(network, {x, y}) {
-    return this.toScreen(...inFirst(this.record, network, x, y));
+    return this.toScreen(...inSite(this.record, network, x, y));
   }
 
   path(places, close) {
@@ -41,7 +41,7 @@ class Brush {
     const {context} = this;
     context.strokeStyle = this.colours.wall;
     context.lineWidth = 2.5;
-    for (const outline of this.record.obstacles) {
+    for (const outline of obstaclesOf(this.record)) {
       this.path(outline, true);
       context.stroke();
     }
@@ -169,7 +169,7 @@ class Brush {
     const angle = (at.heading + ray.bearing_deg) * DEGREE;
     let far = node.view?.range ?? 10;
     if (place) {
-      const [tx, ty] = inFirst(this.record, node.network, place.x, place.y);
+      const [tx, ty] = inSite(this.record, node.network, place.x, place.y);
       far = Math.min(far, Math.hypot(tx - at.x, ty - at.y) * 1.05);
     }
     context.globalAlpha = Math.max(0.1, share);
@@ -187,7 +187,7 @@ class Brush {
     context.strokeStyle = this.colours.target;
     context.globalAlpha = 0.45;
     context.lineWidth = 1;
-    this.path(way.map(({x, y}) => inFirst(record, target.network, x, y)));
+    this.path(way.map(({x, y}) => inSite(record, target.network, x, y)));
     context.stroke();
     context.globalAlpha = 1;
     for (const stop of target.stops) {
@@ -217,7 +217,7 @@ class Brush {
     const {record, context} = this;
     const believed = target.stops.at(-1)?.believed;
     if (believed) {
-      const [x, y] = inFirst(record, target.network, believed.x, believed.y);
+      const [x, y] = inSite(record, target.network, believed.x, believed.y);
       const covariance = turnedCovariance(record, target.network, [believed.sigma_x ** 2, 0, believed.sigma_y ** 2]);
       this.ellipse(x, y, covariance, times, this.colours.target);
     }
@@ -234,16 +234,16 @@ class Brush {
   // An object that cameras track: its trail, its ellipse in true size, and its place in a second.
   object({network, object, is, trail}) {
     const {record, context} = this;
-    const [x, y] = inFirst(record, network, is.x, is.y);
+    const [x, y] = inSite(record, network, is.x, is.y);
     context.strokeStyle = this.colours.object;
     context.lineWidth = 1.5;
     context.globalAlpha = 0.5;
-    this.path(trail.map(place => inFirst(record, network, ...place)));
+    this.path(trail.map(place => inSite(record, network, ...place)));
     context.stroke();
     context.globalAlpha = 1;
     this.ellipse(x, y, turnedCovariance(record, network, is.covariance), 1, this.colours.object);
     const [vx, vy] = is.velocity;
-    this.path([[x, y], inFirst(record, network, is.x + vx, is.y + vy)]);
+    this.path([[x, y], inSite(record, network, is.x + vx, is.y + vy)]);
     context.stroke();
     const [px, py] = this.toScreen(x, y);
     context.fillStyle = this.colours.object;
@@ -256,7 +256,7 @@ class Brush {
 function drawnAt(record, node) {
   const place = node.estimate ?? node.planned ?? node.truth;
   if (!place) return null;
-  const [x, y] = inFirst(record, node.network, place.x, place.y);
+  const [x, y] = inSite(record, node.network, place.x, place.y);
   return {x, y, heading: turned(record, node.network, place.heading_deg)};
 }
 

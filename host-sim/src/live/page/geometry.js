@@ -2,24 +2,61 @@
 
 const DEGREE = Math.PI / 180;
 
-// A place of a network's frame in that of the first network.
-function inFirst(record, network, x, y) {
-  const own = record.networks.find(other => other.network === network)?.frame;
+// True if it is known where every network is in the frame of the site's file.
+function isPlaced(record) {
+  return record.networks.length > 0 && record.networks.every(network => network.building);
+}
+
+// Where a network's frame is in the one that is drawn: the frame of the site's file, or that of the first network
+// where the site's is not known.
+function frameOf(record, network) {
+  const own = record.networks.find(other => other.network === network);
+  return isPlaced(record) ? own?.building : own?.frame;
+}
+
+// A place of a network's frame in the one that is drawn.
+function inSite(record, network, x, y) {
+  const own = frameOf(record, network);
   if (!own) return [x, y];
   const [c, s] = [Math.cos(own.heading_deg * DEGREE), Math.sin(own.heading_deg * DEGREE)];
   return [own.x + c * x - s * y, own.y + s * x + c * y];
 }
 
 function turned(record, network, headingDeg) {
-  return headingDeg + (record.networks.find(other => other.network === network)?.frame.heading_deg ?? 0);
+  return headingDeg + (frameOf(record, network)?.heading_deg ?? 0);
 }
 
-// A covariance in a network's frame as it is in that of the first network.
+// A covariance in a network's frame as it is in the one that is drawn.
 function turnedCovariance(record, network, [xx, xy, yy]) {
   const turn = turned(record, network, 0) * DEGREE;
   const [c, s] = [Math.cos(turn), Math.sin(turn)];
   return [c * c * xx - 2 * c * s * xy + s * s * yy, c * s * (xx - yy) + (c * c - s * s) * xy,
     s * s * xx + 2 * c * s * xy + c * c * yy];
+}
+
+// The pose of a camera in the frame that is drawn, with the sigmas along its axes; null without one.
+function poseOf(record, node) {
+  const pose = node.estimate;
+  if (!pose) return null;
+  const [x, y] = inSite(record, node.network, pose.x, pose.y);
+  const [xx, xy, , yy] = pose.covariance;
+  const [sxx, , syy] = turnedCovariance(record, node.network, [xx, xy, yy]);
+  const heading_deg = ((turned(record, node.network, pose.heading_deg) % 360) + 360) % 360;
+  return {...pose, x, y, heading_deg, sigma_x: Math.sqrt(sxx), sigma_y: Math.sqrt(syy)};
+}
+
+// The error of a camera's pose along the axes that are drawn.
+function errorOf(record, node) {
+  const turn = turned(record, node.network, 0) * DEGREE;
+  const [c, s] = [Math.cos(turn), Math.sin(turn)];
+  const {x, y} = node.error;
+  return {...node.error, x: c * x - s * y, y: s * x + c * y};
+}
+
+// The frame of the drawing in words, where it is not the site's.
+function frameWords(record) {
+  if (isPlaced(record)) return '';
+  return 'no site file tells where this is: x and y count from the first reference camera, x towards the second';
 }
 
 // Half axes and direction of the ellipse that holds a place with 95 %.
@@ -75,6 +112,12 @@ function distance(x, y, ax, ay, bx, by) {
   const length = ex * ex + ey * ey;
   const u = length > 0 ? Math.max(0, Math.min(1, ((x - ax) * ex + (y - ay) * ey) / length)) : 0;
   return Math.hypot(ax + u * ex - x, ay + u * ey - y);
+}
+
+// The obstacles, which are told in the frame of the first network.
+function obstaclesOf(record) {
+  const first = record?.networks[0]?.network;
+  return (record?.obstacles ?? []).map(outline => outline.map(([x, y]) => inSite(record, first, x, y)));
 }
 
 // The walls of all obstacles.

@@ -45,8 +45,11 @@ class Plan {
   }
 
   show(state) {
-    if (state.record?.obstacles !== this.state.record?.obstacles) {
-      this.shapes = new Shapes(state.record?.obstacles ?? []);
+    const first = state.record?.networks[0];
+    const standing = JSON.stringify(first && frameOf(state.record, first.network));
+    if (state.record?.obstacles !== this.state.record?.obstacles || standing !== this.standing) {
+      this.shapes = new Shapes(obstaclesOf(state.record));
+      this.standing = standing;
     }
     this.state = state;
     this.cameras = (state.record?.nodes ?? []).filter(node => node.role === 'camera');
@@ -65,17 +68,17 @@ class Plan {
     for (const node of record?.nodes ?? []) {
       const drawn = drawnAt(record, node);
       if (drawn) places.push([drawn.x, drawn.y]);
-      if (node.truth) places.push(inFirst(record, node.network, node.truth.x, node.truth.y));
+      if (node.truth) places.push(inSite(record, node.network, node.truth.x, node.truth.y));
     }
     for (const target of record?.targets ?? []) {
-      for (const stop of target.stops) places.push(inFirst(record, target.network, stop.x, stop.y));
+      for (const stop of target.stops) places.push(inSite(record, target.network, stop.x, stop.y));
     }
-    for (const outline of record?.obstacles ?? []) places.push(...outline);
+    for (const outline of obstaclesOf(record)) places.push(...outline);
     for (const target of record?.targets ?? []) {
       const place = targets.get(target.id);
-      if (place) places.push(inFirst(record, target.network, place.x, place.y));
+      if (place) places.push(inSite(record, target.network, place.x, place.y));
     }
-    for (const stop of verdict?.walk_to ?? []) places.push(inFirst(record, stop.network, stop.x, stop.y));
+    for (const stop of verdict?.walk_to ?? []) places.push(inSite(record, stop.network, stop.x, stop.y));
     if (!places.length) places.push([-1, -1], [1, 1]);
     const xs = places.map(place => place[0]), ys = places.map(place => place[1]);
     const [left, right] = [Math.min(...xs), Math.max(...xs)];
@@ -179,7 +182,7 @@ class Plan {
     const node = this.nearest(px, py);
     this.hover.hidden = !node;
     if (!node) return;
-    this.hover.textContent = `camera ${node.id}: ${statusWords(node)}\n${poseWords(node)}`;
+    this.hover.textContent = `camera ${node.id}: ${statusWords(node)}\n${poseWords(this.state.record, node)}`;
     this.hover.style.left = Math.min(px + 12, this.width - 180) + 'px';
     this.hover.style.top = py + 12 + 'px';
   }
@@ -213,7 +216,8 @@ class Plan {
     for (const truth of truths.values()) brush.truth(truth);
     for (const object of objects.values()) brush.object(object);
     const words = times > 1 ? `, ellipses (95 %) ${times} times larger` : ', ellipses hold 95 %';
-    setText(this.scale, brush.ruler() + words);
+    const frame = frameWords(record);
+    setText(this.scale, brush.ruler() + words + (frame && `; ${frame}`));
   }
 
   // Magnification of ellipses, which show nothing if they have only a few pixels.

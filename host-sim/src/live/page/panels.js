@@ -19,8 +19,8 @@ function statusWords(node) {
   return node.status ?? 'unknown';
 }
 
-function poseWords(node) {
-  const pose = node.estimate;
+function poseWords(record, node) {
+  const pose = poseOf(record, node);
   if (!pose) return 'no pose yet';
   return `x ${digits(pose.x, 3)} \u00b1 ${digits(pose.sigma_x, 3)}, y ${digits(pose.y, 3)} \u00b1 ` +
     `${digits(pose.sigma_y, 3)}, heading ${digits(pose.heading_deg, 2)} \u00b1 ${digits(pose.sigma_heading_deg, 2)}\u00b0`;
@@ -36,16 +36,14 @@ function showBanner(state) {
   }
   setText(byId('verdict'), verdict.words.split('\n')[0]);
   byId('verdict').title = verdict.words;
-  const next = verdict.walk_to[0];
-  const where = state.record?.networks.length > 1 ? ` of network ${next?.network}` : '';
-  setText(byId('walk'), next ? `walk to (${next.x.toFixed(1)}, ${next.y.toFixed(1)})${where}` : '');
+  setText(byId('walk'), verdict.words.split('\n').find(line => line.startsWith('Next')) ?? '');
 }
 
 // The texts of the cells of a camera's row, each with whether it is well.
-function cellsOf(node, advice) {
+function cellsOf(record, node, advice) {
   const joined = node.address !== null;
   const enough = node.sightings >= 3 || node.reference;
-  const pose = node.estimate;
+  const pose = poseOf(record, node);
   const isGood = node.status === 'calibrated';
   return [
     [node.silent ? 'silent' : joined ? 'yes' : 'no', joined && !node.silent],
@@ -90,12 +88,14 @@ class Checklist {
       row.classList.toggle('chosen', node.id === chosen);
       // The row of a camera that did not change, and has no other advice, is there already.
       const words = adviceFor(node, advice.get(node.id));
-      if (row.shown === node && row.advice === words) continue;
+      const standing = JSON.stringify(frameOf(state.record, node.network));
+      if (row.shown === node && row.advice === words && row.standing === standing) continue;
       row.shown = node;
+      row.standing = standing;
       row.advice = words;
       row.words.hidden = !words;
       setText(row.words.cells[0], words ?? '');
-      cellsOf(node, row.advice).forEach(([text, isWell], i) => {
+      cellsOf(state.record, node, row.advice).forEach(([text, isWell], i) => {
         const cell = row.cells[i + 1];
         setText(cell, text);
         cell.className = i === 2 && node.status ? `status ${node.status}` : isWell ? 'ok' : 'bad';
@@ -128,7 +128,7 @@ class Checklist {
 function showObjects(table, state) {
   const rows = [...state.objects.values()].map(({network, object, is}) => [
     state.record.networks.length > 1 ? `${network}/${object}` : String(object),
-    `${digits(is.x, 2)}, ${digits(is.y, 2)}`,
+    inSite(state.record, network, is.x, is.y).map(at => digits(at, 2)).join(', '),
     `\u00b1${digits(Math.sqrt(is.covariance[0] + is.covariance[2]), 2)}`,
     digits(Math.hypot(...is.velocity), 1),
     is.unseen_s < 0.5 ? 'now' : `${digits(is.unseen_s, 1)} s ago`,
@@ -223,10 +223,12 @@ function showDetail(state, history, chosen) {
   setText(byId('detail-words'), advice?.join('; ') || statusWords(node));
   const residuals = node.residuals.map(residual =>
     `stop ${residual.stop}: ${digits(residual.residual_deg, 2)}\u00b0 (${digits(residual.normalised, 1)} sigma)`);
+  const error = node.error && errorOf(state.record, node);
+  const unit = state.record.unit.name;
   const facts = [
-    ['pose', poseWords(node)],
-    ['error', node.error ? `${digits(node.error.x, 3)}, ${digits(node.error.y, 3)}, ${digits(node.error.heading_deg, 2)}\u00b0` : 'not known'],
-    ['checked to', node.protection ? `${digits(node.protection.position, 2)}, ${digits(node.protection.heading_deg, 1)}\u00b0` : '-'],
+    ['pose', poseWords(state.record, node)],
+    ['error', error ? `${digits(error.x, 3)}, ${digits(error.y, 3)} ${unit}, ${digits(error.heading_deg, 2)}\u00b0` : 'not known'],
+    ['checked to', node.protection ? `${digits(node.protection.position, 2)} ${unit}, ${digits(node.protection.heading_deg, 1)}\u00b0` : '-'],
     ['sightings', `${node.used} of ${node.sightings} used`],
     ['residuals', residuals.join(', ') || '-'],
   ];

@@ -45,7 +45,7 @@ function apply(state, event) {
       record.targets = record.targets.filter(target => target.id !== event.node);
       break;
     case 'network': put(record.networks, 'network', event.is); break;
-    case 'obstacles': record.obstacles = event.outlines; break;
+    case 'obstacles': Object.assign(record, {obstacles: event.outlines, area: event.area ?? []}); break;
     case 'target': put(record.targets, 'id', {...event.is, stops: [...event.is.stops]}); break;
     case 'stop': {
       const target = record.targets.find(other => other.id === event.target);

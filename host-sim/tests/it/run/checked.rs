@@ -61,7 +61,7 @@ fn a_pose_of_three_sightings_is_not_checked_until_the_target_stops_again_before_
     assert!(
         text.contains(
             "camera 11: not checked: one wrong measurement that was not noticed could move it by \
-             12.40 units and turn it by 132.0 deg: stop again before it\n"
+             12.40 units and turn it by 132.0 deg: it has too few sightings\n"
         ),
         "{text}"
     );
@@ -105,14 +105,16 @@ fn a_place_that_is_asked_for_again_is_walked_back_to() {
         y: 2.0,
         again: None,
         seen_by: vec![3],
+        helps: None,
     };
     verdict.common = vec![Common::Misfit(3.0)];
     verdict.next_stops = vec![stop(1.0), stop(4.0), stop(1.0)];
     let text = verdict.to_string();
-    let asked: Vec<_> = text.lines().rev().take(3).collect();
+    let asked: Vec<_> = text.lines().rev().take(4).collect();
     assert_eq!(
         asked,
         [
+            "Places count from the first reference camera, x towards the second: no site file tells where they are.",
             "Then walk back to about (1.0, 2.0), in view of camera 3",
             "Then stop the target about (4.0, 2.0), in view of camera 3",
             "Next: stop the target about (1.0, 2.0), in view of camera 3",

@@ -100,7 +100,7 @@ fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
     }
     assert!(
         verdict.to_string().contains(
-            "walk back across the leg from stop 4 at (3.2, 4.0) to stop 5 at (25.0, 2.6)"
+            "the weakest measurement is the leg from stop 4 at (3.2, 4.0) to stop 5 at (25.0, 2.6)"
         ),
         "{verdict}"
     );

@@ -11,5 +11,6 @@ mod networks;
 mod outputs;
 mod record;
 mod reports;
+mod rooms;
 mod sample;
 mod sweep;

@@ -97,6 +97,7 @@ fn tiny() -> RunRecord {
         }],
         sightings: Vec::new(),
         obstacles: vec![vec![[3.0, 3.0], [4.0, 3.0], [4.0, 4.0]]],
+        area: Vec::new(),
         radio: Some(Radio {
             frames: 12,
             bytes: 420,

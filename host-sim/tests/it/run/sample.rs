@@ -131,6 +131,7 @@ impl Sample {
             }],
             sightings: Vec::new(),
             obstacles: vec![vec![[11.0, 8.0], [12.5, 8.0], [12.5, 9.0], [11.0, 9.0]]],
+            area: Vec::new(),
             sim_seconds: 840.25,
             tracking: Vec::new(),
             wall_seconds: Some(0.31),

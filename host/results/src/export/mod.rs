@@ -65,6 +65,14 @@ pub enum Frame {
 }
 
 impl Frame {
+    /// Frame in which people are told this record: the building's where that is known.
+    pub fn for_people(record: &RunRecord) -> Self {
+        match record.in_building() {
+            Some(_) => Self::Building,
+            None => Self::Network,
+        }
+    }
+
     /// The record in these coordinates; `None` if it does not know where a network is in the
     /// building.
     pub fn of(self, record: &RunRecord) -> Option<Cow<'_, RunRecord>> {

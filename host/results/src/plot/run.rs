@@ -35,16 +35,16 @@ const NETWORKS: [Colour; 8] = [
 /// The map of a run: true cameras with what they see past walls, estimates with 95 % ellipses, the
 /// targets' ways, their true and believed stops, and obstacles. Where estimates would hide behind
 /// the truth, errors and ellipses are drawn larger than they are, and the map says so. Several
-/// networks, each of which knows places in its own frame only, are drawn where they really are, in the frame
-/// of the first one, each in a colour and with its number.
+/// networks, each of which knows places in its own frame only, are drawn where they really are, each in a colour
+/// and with its number. All is in the frame of the site's file, or of the first network where that is not known.
 ///
 /// # Errors
 /// [`PlotError`]
 pub fn map(record: &RunRecord) -> Result<String, PlotError> {
-    if record.has_networks() {
-        map_in_one_frame(&record.in_one_frame())
-    } else {
-        map_in_one_frame(record)
+    match record.in_building() {
+        Some(record) => map_in_one_frame(&record),
+        None if record.has_networks() => map_in_one_frame(&record.in_one_frame()),
+        None => map_in_one_frame(record),
     }
 }
 
@@ -155,11 +155,21 @@ impl RunMap<'_> {
             legend.push(Entry::remark("* reference"));
         }
         legend.push(Entry::dot("way and stops, ring: believed", TARGET));
+        let is_placed = self.record.is_in_building();
         if self.record.has_networks() {
             let count = self.record.networks.len();
+            let frame = if is_placed {
+                ""
+            } else {
+                ", frame of the first"
+            };
             legend.push(Entry::remark(format!(
-                "{count} networks where they really are, frame of the first"
+                "{count} networks where they really are{frame}"
             )));
+        } else if !is_placed {
+            legend.push(Entry::remark(
+                "x, y from the first reference, x towards the second",
+            ));
         }
         if self.times > 1.0 {
             legend.push(Entry::remark(format!(

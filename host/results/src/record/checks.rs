@@ -4,19 +4,21 @@
 //! Measurements are taken from the record where it has them. Otherwise, as of a real network, they are those
 //! that cameras told of their sightings, and those that the references must have seen.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use calib_core::Pose;
-use nalgebra::{Matrix2, Point2};
+use calib_core::{Pose, Status};
+use nalgebra::{Matrix2, Point2, Vector2};
 use site::planner::{
-    CheckWish, Checks, Look, Measurement, RARE, Redundancy, Steps, Survey, Tolerance, UNCHECKED,
+    CheckWish, Checks, Look, Measurement, Noise, RARE, Redundancy, Steps, Survey, Tolerance,
+    UNCHECKED,
 };
-use site::world::World;
+use site::world::{Sight, World};
 
 use super::{
     Node, RunRecord, Target,
     next_stop::{MOST, RADIUS, UNSEEN, obstacles, stands},
-    verdict::{NextStop, Weakness},
+    standing::Standing,
+    verdict::{Gain, Gained, Instead, NextStop, Weakness},
 };
 use crate::network::usual_carrier;
 
@@ -36,6 +38,10 @@ pub(super) struct Unchecked {
     pub(super) weaknesses: BTreeMap<u16, Weakness>,
     /// Where to stop next.
     pub(super) stops: Vec<NextStop>,
+    /// Changes that help where no stop does.
+    pub(super) instead: Vec<Instead>,
+    /// False if it is not known what cameras see, so that nothing is foretold.
+    pub(super) is_known: bool,
 }
 
 /// One target's walk through a network.
@@ -49,7 +55,7 @@ struct Walk<'a> {
 
 /// Advice about these cameras of a network, none of them a reference, whose poses are not checked.
 pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unchecked {
-    let Some(walk) = Walk::longest(record, network) else {
+    let Some(walk) = Walk::longest(record, network, true) else {
         return Unchecked::default();
     };
     let named = |camera: &&&Node| {
@@ -72,9 +78,18 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
             Some((id, weakness))
         })
         .collect();
+    let stops = walk.stops(network, &indices);
+    let is_known = stops.is_some() && !indices.is_empty();
+    let stops = stops.unwrap_or_default();
+    let instead = match is_known && stops.is_empty() {
+        true => walk.instead(&indices),
+        false => Vec::new(),
+    };
     Unchecked {
         weaknesses,
-        stops: walk.stops(network, &indices).unwrap_or_default(),
+        stops,
+        instead,
+        is_known,
     }
 }
 
@@ -99,7 +114,7 @@ impl Checked {
             ..Self::default()
         };
         let networks = record.networks.iter();
-        for walk in networks.filter_map(|network| Walk::longest(record, network.network)) {
+        for walk in networks.filter_map(|network| Walk::longest(record, network.network, false)) {
             for (of, share) in walk.known.shares() {
                 let count = match of {
                     Measurement::Bearing { .. } => &mut counts.bearings,
@@ -125,10 +140,11 @@ impl Checked {
 }
 
 impl<'a> Walk<'a> {
-    /// The walk with most stops.
-    fn longest(record: &'a RunRecord, network: u16) -> Option<Self> {
+    /// The walk with most stops, with weak cameras too or without.
+    fn longest(record: &'a RunRecord, network: u16, with_weak: bool) -> Option<Self> {
         let own = |node: &&Node| node.network == network && node.estimate.is_some();
-        let is_sound = |node: &&Node| node.is_calibrated() && !node.reference;
+        let is_weak = |node: &Node| with_weak && node.status == Some(Status::Weak);
+        let is_sound = |node: &&Node| (node.is_calibrated() || is_weak(node)) && !node.reference;
         let cameras = || record.cameras().filter(own);
         let references: Vec<&Node> = cameras().filter(|camera| camera.reference).collect();
         let target = { record.targets.iter() }
@@ -176,11 +192,7 @@ impl<'a> Walk<'a> {
             Vec::new(),
         );
         let range = self.known.survey().range;
-        let others = { self.record.targets.iter() }.filter(|other| other.network == network);
-        let been: Vec<Point2<f64>> = others
-            .flat_map(|other| &other.path)
-            .map(|&p| p.into())
-            .collect();
+        let standing = Standing::of(self.record, network);
         let tolerance = tolerance(self.record);
         let wishes = wishing
             .iter()
@@ -188,13 +200,24 @@ impl<'a> Walk<'a> {
         let checks = Checks {
             world: &world,
             radius: RADIUS * range,
-            bounds: [f64::NEG_INFINITY, f64::INFINITY].map(|end| Point2::new(end, end)),
+            may_stand: &|place| standing.holds(place),
             columns: UNSEEN.columns,
             wishes: wishes.collect(),
-            been: &been,
         };
         let (stops, _) = checks.stops(self.known.clone(), MOST);
+        let mut now = self.known.clone();
+        let noise = Noise {
+            columns: UNSEEN.columns,
+            standing: 0.0,
+        };
         let named = stops.into_iter().map(|stop| {
+            let looks = stop.seen_by.iter().map(|&camera| {
+                let sigma = noise.sigma(&world.cameras()[camera], stop.place);
+                (camera, sigma)
+            });
+            let after = now.with_stop(stop.place, &looks.collect::<Vec<_>>());
+            let helps = self.gain(wishing, &now, &after);
+            now = after;
             let ids = |wanted: &dyn Fn(usize) -> bool| -> Vec<u16> {
                 let seen = stop.seen_by.iter().filter(|&&camera| wanted(camera));
                 seen.map(|&camera| self.cameras[camera].id).collect()
@@ -210,9 +233,184 @@ impl<'a> Walk<'a> {
                 }),
                 // A stop that ties others together also helps a camera that does not see it.
                 seen_by: if own.is_empty() { ids(&|_| true) } else { own },
+                helps,
             }
         });
         Some(named.collect())
+    }
+}
+
+/// A gain below this share is none.
+const LEAST_GAIN: f64 = 0.05;
+/// So many measurements in common tie two cameras to one another.
+const COMMON_STOPS: usize = 3;
+/// Pairs of cameras that are tried as references.
+const PAIRS: usize = 16;
+/// A carrier that was measured: share of its ways, and its compass, degrees.
+const MEASURED: [f64; 2] = [0.01, 1.0];
+/// A wider lens, times the field of view.
+const WIDER: f64 = 1.5;
+
+impl Walk<'_> {
+    /// What the camera that gains most of these gains from one state of knowledge to another.
+    fn gain(&self, wishing: &[usize], before: &Redundancy, after: &Redundancy) -> Option<Gain> {
+        let [old, new] = [before, after].map(|walk| walk.levels(wishing));
+        let gains = wishing
+            .iter()
+            .zip(old.iter().zip(new))
+            .filter_map(|(&index, (old, new))| {
+                let node = self.cameras[index];
+                // The model's own numbers are a little off those of the target: shares are not.
+                Some(match node.status {
+                    Some(Status::Weak) => {
+                        let from = node.estimate?.sigma_position();
+                        let begun = self.known.sigma(index)?;
+                        Gain {
+                            camera: node.id,
+                            of: Gained::Sigma,
+                            from: from * before.sigma(index)? / begun,
+                            to: from * after.sigma(index)? / begun,
+                        }
+                    }
+                    _ => Gain {
+                        camera: node.id,
+                        of: Gained::Protection,
+                        from: old.position,
+                        to: new.position,
+                    },
+                })
+            });
+        gains.min_by(|a, b| f64::total_cmp(&(a.to / a.from), &(b.to / b.from)))
+    }
+
+    /// The worst of these cameras, when a change of the site makes its measurements these: the camera at this
+    /// index now is at that one then.
+    fn changed(&self, worst: usize, survey: Survey, then: impl Fn(usize) -> usize) -> Option<Gain> {
+        let from = self.cameras[worst].estimate?.sigma_position();
+        let after = survey.redundancy()?.sigma(then(worst))?;
+        let to = from * after / self.known.sigma(worst)?;
+        (to < (1.0 - LEAST_GAIN) * from).then(|| Gain {
+            camera: self.cameras[worst].id,
+            of: Gained::Sigma,
+            from,
+            to,
+        })
+    }
+
+    /// Changes of the site that help the least certain of these cameras, the best one first.
+    fn instead(&self, wishing: &[usize]) -> Vec<Instead> {
+        let sigma = |index: &usize| self.known.sigma(*index).unwrap_or_default();
+        let worst = { wishing.iter().copied() }.max_by(|a, b| sigma(a).total_cmp(&sigma(b)));
+        let Some(worst) = worst else {
+            return Vec::new();
+        };
+        let same = |index: usize| index;
+        let mut measured = self.known.survey().clone();
+        let [scale, compass] = MEASURED;
+        measured.steps.scale = measured.steps.scale.min(scale);
+        measured.steps.compass = measured.steps.compass.min(compass.to_radians());
+        let carrier = self.changed(worst, measured, same);
+        let carrier = carrier.map(|gain| Instead::Carrier(self.target.id, gain));
+        let lens = self
+            .with_wider_lenses()
+            .and_then(|survey| self.changed(worst, survey, same));
+        let mut found: Vec<Instead> = carrier.into_iter().chain(lens.map(Instead::Lens)).collect();
+        found.extend(self.other_references(worst));
+        found.sort_by(|a, b| a.gain().to.total_cmp(&b.gain().to));
+        found
+    }
+
+    /// The pair of references that makes this camera most certain.
+    fn other_references(&self, worst: usize) -> Option<Instead> {
+        let survey = self.known.survey();
+        let count = self.cameras.len();
+        let seen: Vec<BTreeSet<usize>> = (0..count)
+            .map(|camera| {
+                let looks = survey.looks.iter().filter(|look| look.camera == camera);
+                looks.map(|look| look.stop).collect()
+            })
+            .collect();
+        let middle = |pair: [usize; 2]| {
+            let [a, b] = pair.map(|camera| survey.cameras[camera].position.coords);
+            let all = survey.cameras.iter().map(|pose| pose.position.coords);
+            ((a + b) / 2.0 - all.sum::<Vector2<f64>>() / count as f64).norm()
+        };
+        let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| [a, b]));
+        let mut pairs: Vec<[usize; 2]> = pairs
+            .filter(|&[a, b]| b > 1 && a != worst && b != worst)
+            .filter(|&[a, b]| seen[a].intersection(&seen[b]).count() >= COMMON_STOPS)
+            .collect();
+        pairs.sort_by(|a, b| middle(*a).total_cmp(&middle(*b)));
+        let tried = pairs.into_iter().take(PAIRS).filter_map(|pair| {
+            let mut order: Vec<usize> =
+                (0..count).filter(|camera| !pair.contains(camera)).collect();
+            order.splice(0..0, pair);
+            let then = |camera: usize| {
+                order
+                    .iter()
+                    .position(|&own| own == camera)
+                    .unwrap_or(camera)
+            };
+            let mut changed = survey.clone();
+            changed.cameras = order.iter().map(|&camera| survey.cameras[camera]).collect();
+            for look in &mut changed.looks {
+                look.camera = then(look.camera);
+            }
+            let gain = self.changed(worst, changed, then)?;
+            Some(Instead::References(
+                pair.map(|camera| self.cameras[camera].id),
+                gain,
+            ))
+        });
+        tried.min_by(|a, b| a.gain().to.total_cmp(&b.gain().to))
+    }
+
+    /// The same walk before wider lenses.
+    fn with_wider_lenses(&self) -> Option<Survey> {
+        let standing: Option<Vec<_>> = { self.cameras.iter() }
+            .map(|camera| {
+                let mut wider = (*camera).clone();
+                let view = wider.view.as_mut()?;
+                view.fov_deg *= WIDER;
+                stands(&wider, true)
+            })
+            .collect();
+        let network = self.target.network;
+        let world = World::new(
+            standing?,
+            obstacles(self.record, network).collect(),
+            Vec::new(),
+        );
+        let mut survey = self.known.survey().clone();
+        let radius = RADIUS * survey.range;
+        let noise = Noise {
+            columns: UNSEEN.columns,
+            standing: 0.0,
+        };
+        let looks = survey.stops.iter().enumerate().flat_map(|(stop, &place)| {
+            let cameras = 0..self.cameras.len();
+            let world = &world;
+            cameras.filter_map(move |camera| {
+                world.sight(camera, place, radius).filter(Sight::is_whole)?;
+                let sigma = noise.sigma(&world.cameras()[camera], place);
+                Some(Look {
+                    stop,
+                    camera,
+                    sigma,
+                })
+            })
+        });
+        survey.looks = looks.collect();
+        Some(survey)
+    }
+}
+
+impl Instead {
+    /// Gain of the least certain camera.
+    pub fn gain(&self) -> &Gain {
+        match self {
+            Self::Carrier(_, gain) | Self::References(_, gain) | Self::Lens(gain) => gain,
+        }
     }
 }
 

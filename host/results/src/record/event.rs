@@ -75,6 +75,9 @@ pub enum What {
     Obstacles {
         /// As in the record.
         outlines: Vec<Vec<[f64; 2]>>,
+        /// As in the record.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        area: Vec<[f64; 2]>,
     },
     /// A stop began, or its target knows better where it is.
     Stop {
@@ -625,7 +628,10 @@ impl RunRecord {
                     None => self.networks.push(*is),
                 }
             }
-            What::Obstacles { outlines } => self.obstacles.clone_from(outlines),
+            What::Obstacles { outlines, area } => {
+                self.obstacles.clone_from(outlines);
+                self.area.clone_from(area);
+            }
             What::Target { is } => self.set_target(is),
             What::Stop { target, is, .. } => {
                 let mut targets = self.targets.iter_mut();
@@ -778,9 +784,9 @@ impl Looker {
                 whats.push(What::Network { is: *network });
             }
         }
-        if known.obstacles != record.obstacles {
-            let outlines = record.obstacles.clone();
-            whats.push(What::Obstacles { outlines });
+        if (&known.obstacles, &known.area) != (&record.obstacles, &record.area) {
+            let (outlines, area) = (record.obstacles.clone(), record.area.clone());
+            whats.push(What::Obstacles { outlines, area });
         }
         let is_there = |id: u16| {
             record

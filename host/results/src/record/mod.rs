@@ -15,7 +15,7 @@
 //! took is the one exception, so [`wall_seconds`](RunRecord::wall_seconds) is `null` unless it was
 //! asked for.
 
-use std::collections::BTreeSet;
+use std::{borrow::Cow, collections::BTreeSet};
 
 use calib_core::{Pose, Refusal, Sighting, Status, angle, camera::Projection, fit::Fit};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
@@ -30,6 +30,7 @@ mod joined;
 mod next_stop;
 pub mod published;
 pub mod sightings;
+mod standing;
 pub mod summary;
 pub mod sweep;
 pub mod verdict;
@@ -72,6 +73,10 @@ pub struct RunRecord {
     /// Obstacles that hide targets from cameras: closed outlines, `[x, y]` a corner. In the frame of the first
     /// network.
     pub obstacles: Vec<Vec<[f64; 2]>>,
+    /// Outline of where a person can walk, as the site file's `[world]` tells it, in the frame of the first
+    /// network; left out where it does not.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub area: Vec<[f64; 2]>,
     /// Statistics over the cameras, always those of `nodes`.
     pub summary: Summary,
     /// Radio traffic; `null` of a real network.
@@ -659,7 +664,7 @@ impl Node {
     /// Tells its places in another frame, in which its own one is here.
     fn move_by(&mut self, frame: &Isometry2<f64>) {
         let turned = frame.rotation.angle();
-        if let Some(truth) = &mut self.truth {
+        for truth in [&mut self.truth, &mut self.planned].into_iter().flatten() {
             let place = frame * truth.position();
             let heading = truth.heading_deg.to_radians() + turned;
             *truth = Place {
@@ -896,7 +901,7 @@ impl RunRecord {
     }
 
     /// Where the frame of a network is in the building, if that is known.
-    fn building(&self, network: u16) -> Option<Isometry2<f64>> {
+    pub(crate) fn building(&self, network: u16) -> Option<Isometry2<f64>> {
         let mut networks = self.networks.iter();
         let own = networks.find(|own| own.network == network)?;
         Some(own.building?.isometry())
@@ -914,7 +919,29 @@ impl RunRecord {
     pub fn in_building(&self) -> Option<Self> {
         let all_known = self.networks.iter().all(|own| own.building.is_some());
         let frame = |network| self.building(network).unwrap_or_else(Isometry2::identity);
-        all_known.then(|| self.moved(frame))
+        all_known.then(|| {
+            let mut record = self.moved(frame);
+            for own in &mut record.networks {
+                own.building = Some(own.frame);
+            }
+            record
+        })
+    }
+
+    /// Returns true if all places are in the coordinates of the building, as [`in_building`](Self::in_building) makes
+    /// them, or those are the coordinates of its only network.
+    pub fn is_in_building(&self) -> bool {
+        let here = Place {
+            x: 0.0,
+            y: 0.0,
+            heading_deg: 0.0,
+        };
+        self.networks.iter().all(|own| own.building == Some(here))
+    }
+
+    /// The same run as people are told of it: in the frame of the site's file, or as it is where that is not known.
+    pub fn for_people(&self) -> Cow<'_, Self> {
+        self.in_building().map_or(Cow::Borrowed(self), Cow::Owned)
     }
 
     /// The same run with the places of every network moved into one frame.
@@ -931,7 +958,12 @@ impl RunRecord {
         }
         // Obstacles are told in the frame of the first network.
         let first = self.networks.first().map(|first| by(first.network));
-        for corner in record.obstacles.iter_mut().flatten() {
+        for corner in record
+            .obstacles
+            .iter_mut()
+            .flatten()
+            .chain(&mut record.area)
+        {
             let place = first.unwrap_or_else(Isometry2::identity) * Point2::from(*corner);
             *corner = place.into();
         }
@@ -952,7 +984,15 @@ impl RunRecord {
                 }
             }
         }
+        record.summary = Summary::of(&record.nodes);
         record
+    }
+
+    /// The outline of where a person can walk, in the frame of a network; empty if that is not told.
+    pub(crate) fn area_of(&self, network: u16) -> Vec<Point2<f64>> {
+        let frame = self.frame(network).inverse();
+        let corners = self.area.iter().map(|&corner| frame * Point2::from(corner));
+        corners.collect()
     }
 
     /// The outlines of the obstacles in the frame of a network.

@@ -10,7 +10,7 @@ use nalgebra::Point2;
 use site::planner::{self, Advice, Noise, PairWish};
 use site::world::{Camera, Obstacle, Variant, World};
 
-use super::{Node, RunRecord, View, verdict::NextStop};
+use super::{Node, RunRecord, View, standing::Standing, verdict::NextStop};
 
 /// A record does not tell how large a target is: about as large as the thesis's, as a part of the
 /// camera's range.
@@ -63,9 +63,8 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
     let radius = RADIUS * range;
 
     let targets = || record.targets.iter().filter(|t| t.network == network);
-    let planned = targets().flat_map(|target| &target.path);
     let stops = || { targets().flat_map(|target| &target.stops) }.map(|s| Point2::new(s.x, s.y));
-    let been: Vec<Point2<f64>> = planned.map(|&p| p.into()).chain(stops()).collect();
+    let standing = Standing::of(record, network);
     let wishes = own.iter().enumerate().map(|(index, (wish, camera))| {
         let noise = noise(wish.camera, camera);
         let pose = wish.camera.estimate.filter(|_| wish.believes);
@@ -87,7 +86,7 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
     let advice = Advice {
         world: &world,
         radius,
-        been: &been,
+        may_stand: &|place| standing.holds(place),
         wishes: wishes.collect(),
         pair: pair.map(|_| {
             let cameras = [first, first + 1];
@@ -109,6 +108,7 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
         x: place.x,
         y: place.y,
         again: None,
+        helps: None,
         seen_by: seen_by.into_iter().map(|camera| ids[camera]).collect(),
     };
     advice.stops(MOST).into_iter().map(named).collect()

@@ -22,6 +22,8 @@ pub fn run_report(record: &RunRecord) -> String {
 
 /// The same, with the verdict on this run, which takes long to find.
 pub fn run_report_with(record: &RunRecord, verdict: &Verdict) -> String {
+    let shown = record.for_people();
+    let record = shown.as_ref();
     let parts = [
         format!("{}\n", record.title()),
         poses(&[record]),
@@ -39,7 +41,9 @@ pub fn run_report_with(record: &RunRecord, verdict: &Verdict) -> String {
 
 /// The poses and statistics of several runs together, such as the five placements of the lab.
 pub fn runs_report(records: &[&RunRecord]) -> String {
-    join(&[title(records), poses(records), statistics(records)])
+    let shown: Vec<_> = records.iter().map(|record| record.for_people()).collect();
+    let records: Vec<&RunRecord> = shown.iter().map(AsRef::as_ref).collect();
+    join(&[title(&records), poses(&records), statistics(&records)])
 }
 
 /// The scenario, the path too if it is that of all, and how many runs.
@@ -133,10 +137,11 @@ fn poses(records: &[&RunRecord]) -> String {
         }
     }
     let star = if has_reference { "; * reference" } else { "" };
-    let frames = if has_networks {
-        "; in the frame of each network"
-    } else {
-        ""
+    let is_placed = |record: &&RunRecord| record.is_in_building();
+    let frames = match (records.iter().all(is_placed), has_networks) {
+        (true, _) => "; in the frame of the site's file",
+        (false, true) => "; in the frame of each network",
+        (false, false) => "; from the first reference camera, x towards the second",
     };
     format!(
         "Poses (x, y, heading) in {unit} and degrees; n sightings; checked to: what one wrong \

@@ -27,7 +27,7 @@ mod record;
 mod site;
 
 pub use command::{command_name, parse_command};
-pub use site::{SitePlan, building_place, limits, outline};
+pub use site::{SitePlan, area, building_place, limits, outline};
 
 /// A camera that was asked for its sightings does not wait longer with its answer.
 const PATIENCE: Duration = Duration::from_secs(15);

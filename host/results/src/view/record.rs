@@ -64,6 +64,7 @@ impl NetworkView {
             targets: self.targets(),
             sightings: Vec::new(),
             obstacles: site.map(SitePlan::obstacles).unwrap_or_default(),
+            area: site.map(SitePlan::area).unwrap_or_default(),
             radio: None,
             tracking: Vec::new(),
             sim_seconds: now.as_secs_f64(),

@@ -5,7 +5,7 @@ use node_firmware::{
     config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects},
     vision::Lens,
 };
-use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};
+use site::{Frame, NetworkTable, Scenario, ScenarioError, WorldTable, world::Obstacle};
 
 use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees};
 
@@ -117,6 +117,12 @@ impl SitePlan {
         cameras.chain(targets).collect()
     }
 
+    /// The outline of where a person can walk, in the frame of the network; empty if it is not known where that is.
+    pub(super) fn area(&self) -> Vec<[f64; 2]> {
+        let frame = self.frame.as_ref();
+        frame.map_or_else(Vec::new, |frame| area(&self.scenario.world, frame))
+    }
+
     /// The outlines of what hides targets, in the frame of the network; none if it is not known where that is.
     pub(super) fn obstacles(&self) -> Vec<Vec<[f64; 2]>> {
         let Some(frame) = &self.frame else {
@@ -127,6 +133,18 @@ impl SitePlan {
             .map(|obstacle| outline(&obstacle, frame))
             .collect()
     }
+}
+
+/// The outline of where a person can walk, in a frame; empty where the site's file does not tell it.
+pub fn area(world: &WorldTable, frame: &Frame) -> Vec<[f64; 2]> {
+    let usual = WorldTable::default();
+    if (world.low, world.high) == (usual.low, usual.high) {
+        return Vec::new();
+    }
+    let ([left, low], [right, high]) = (world.low, world.high);
+    let corners = [[left, low], [right, low], [right, high], [left, high]];
+    let placed = corners.map(|corner| frame.place(Point2::from(corner)).into());
+    placed.to_vec()
 }
 
 /// Where a frame is in the building.

@@ -23,7 +23,15 @@ pub(crate) struct Ground<'a> {
     pub(crate) bounds: [Point2<f64>; 2],
     /// Of the ball.
     pub(crate) radius: f64,
+    /// Places at which a person can stand, if there are others in these bounds.
+    pub(crate) may_stand: Option<&'a dyn Fn(Point2<f64>) -> bool>,
 }
+
+/// Bounds of nothing.
+pub(super) const ANYWHERE: [Point2<f64>; 2] = [
+    Point2::new(f64::NEG_INFINITY, f64::NEG_INFINITY),
+    Point2::new(f64::INFINITY, f64::INFINITY),
+];
 
 impl Ground<'_> {
     /// Returns true if a camera would measure a ball there well.
@@ -70,7 +78,9 @@ impl Ground<'_> {
         (0..40 * CANDIDATES)
             .map(|_| self.draw(cameras[0], random))
             .filter(|&place| {
-                self.is_free(place) && cameras.iter().all(|&camera| self.suits(camera, place))
+                self.is_free(place)
+                    && cameras.iter().all(|&camera| self.suits(camera, place))
+                    && self.may_stand.is_none_or(|may_stand| may_stand(place))
             })
             .take(CANDIDATES)
             .map(|place| (place, tells(place)))

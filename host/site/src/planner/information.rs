@@ -20,7 +20,7 @@ impl Noise {
     pub const COLUMNS: f64 = 0.25;
 
     /// Standard deviation of a bearing of a target at a place, radians: of the column alone.
-    pub(crate) fn sigma(&self, camera: &Camera, place: Point2<f64>) -> f64 {
+    pub fn sigma(&self, camera: &Camera, place: Point2<f64>) -> f64 {
         sighting(camera, place, self).bearing_sigma
     }
 }

@@ -261,6 +261,7 @@ impl Task<'_> {
             world: self.world,
             bounds: self.bounds,
             radius: self.radius,
+            may_stand: None,
         }
     }
 
@@ -426,13 +427,19 @@ impl Task<'_> {
         };
         let tolerance = self.tolerance;
         let wishes = (2..indices.len()).map(|camera| CheckWish { camera, tolerance });
+        let walked = stops.clone();
+        let ranges = world.cameras().iter().map(|camera| camera.range);
+        let range = ranges.fold(0.0, f64::max);
+        let may_stand = |place: Point2<f64>| {
+            let is_near = |been: &Point2<f64>| (place - been).norm() < range;
+            self.ground().is_free(place) && walked.iter().any(is_near)
+        };
         let checks = Checks {
             world: &world,
             radius: self.radius,
-            bounds: self.bounds,
+            may_stand: &may_stand,
             columns: self.noise.columns,
             wishes: wishes.collect(),
-            been: &[],
         };
         let Some(known) = survey.redundancy().filter(|walk| !checks.are_checked(walk)) else {
             return;

@@ -12,7 +12,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    ground::Ground,
+    ground::{ANYWHERE, Ground},
     information::{self, Noise},
     score_of_pair, score_of_pose,
 };
@@ -55,16 +55,13 @@ pub struct PairWish {
 }
 
 /// Candidates and aim of the choice of stops.
-#[derive(Clone, Debug)]
 pub struct Advice<'a> {
     /// The cameras and obstacles.
     pub world: &'a World,
     /// Radius of the target.
     pub radius: f64,
-    /// Places where targets were or should have been. A place that is farther from all of them than a camera sees
-    /// is not asked for: no target can go there, or it is no place at all, but in the view of a pose that is far
-    /// off. Empty: anywhere.
-    pub been: &'a [Point2<f64>],
+    /// Places at which a person can stand. No other is asked for.
+    pub may_stand: &'a dyn Fn(Point2<f64>) -> bool,
     /// The cameras.
     pub wishes: Vec<Wish>,
     /// The references.
@@ -146,8 +143,9 @@ impl Advice<'_> {
         let cameras = self.world.cameras();
         let ground = Ground {
             world: self.world,
-            bounds: [f64::NEG_INFINITY, f64::INFINITY].map(|end| Point2::new(end, end)),
+            bounds: ANYWHERE,
             radius: self.radius,
+            may_stand: Some(self.may_stand),
         };
         let mut random = ChaCha8Rng::seed_from_u64(0);
         let alone = self.wishes.iter().map(|wish| vec![wish.camera]);
@@ -157,10 +155,6 @@ impl Advice<'_> {
             let range = cameras[group[0]].range;
             let places = ground.candidates(group, &mut random, |_| ());
             places.into_iter().map(move |(place, ())| (range, place))
-        });
-        let places = places.filter(|(range, place)| {
-            let is_near = |been: &Point2<f64>| (place - been).norm() < *range;
-            self.been.is_empty() || self.been.iter().any(is_near)
         });
         places
             .map(|(range, place)| Offer {

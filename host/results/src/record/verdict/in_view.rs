@@ -76,9 +76,9 @@ pub(super) fn of(record: &RunRecord, camera: &Node) -> InView {
     }
 }
 
-type Edge = (Point2<f64>, Point2<f64>);
+pub(in crate::record) type Edge = (Point2<f64>, Point2<f64>);
 
-fn edges(obstacles: &[Vec<Point2<f64>>]) -> Vec<Edge> {
+pub(in crate::record) fn edges(obstacles: &[Vec<Point2<f64>>]) -> Vec<Edge> {
     let outlines = obstacles.iter();
     outlines
         .flat_map(|corners| {
@@ -88,21 +88,26 @@ fn edges(obstacles: &[Vec<Point2<f64>>]) -> Vec<Edge> {
         .collect()
 }
 
-fn is_free(edges: &[Edge], from: Point2<f64>, to: Point2<f64>) -> bool {
+pub(in crate::record) fn is_free(edges: &[Edge], from: Point2<f64>, to: Point2<f64>) -> bool {
     !edges.iter().any(|&(a, b)| crosses(from, to, a, b))
 }
 
 /// The floor in squares.
-struct Floor<'a> {
+pub(in crate::record) struct Floor {
     corner: Point2<f64>,
     side: f64,
     columns: usize,
     rows: usize,
-    edges: &'a [Edge],
+    edges: Vec<Edge>,
 }
 
-impl<'a> Floor<'a> {
-    fn around(way: &[Point2<f64>], eye: Point2<f64>, range: f64, edges: &'a [Edge]) -> Self {
+impl Floor {
+    pub(in crate::record) fn around(
+        way: &[Point2<f64>],
+        eye: Point2<f64>,
+        range: f64,
+        edges: &[Edge],
+    ) -> Self {
         let ends = edges.iter().map(|(a, _)| *a);
         let all = way.iter().copied().chain(ends).chain([eye]);
         let (mut low, mut high) = (eye, eye);
@@ -121,11 +126,11 @@ impl<'a> Floor<'a> {
             side,
             columns: count(high.x - low.x),
             rows: count(high.y - low.y),
-            edges,
+            edges: edges.to_vec(),
         }
     }
 
-    fn square(&self, place: Point2<f64>) -> Option<usize> {
+    pub(in crate::record) fn square(&self, place: Point2<f64>) -> Option<usize> {
         let d = (place - self.corner) / self.side;
         let is_inside = d.x >= 0.0 && d.y >= 0.0;
         let (column, row) = (d.x as usize, d.y as usize);
@@ -133,20 +138,20 @@ impl<'a> Floor<'a> {
             .then_some(row * self.columns + column)
     }
 
-    fn middle(&self, square: usize) -> Point2<f64> {
+    pub(in crate::record) fn middle(&self, square: usize) -> Point2<f64> {
         let (row, column) = (square / self.columns, square % self.columns);
         let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
         self.corner + middle * self.side
     }
 
     /// The squares to which one can walk from somewhere on the way.
-    fn reached(&self, way: &[Point2<f64>]) -> Vec<bool> {
+    pub(in crate::record) fn reached(&self, way: &[Point2<f64>]) -> Vec<bool> {
         let mut reached = vec![false; self.columns * self.rows];
         let mut begun = VecDeque::new();
         for &place in way {
             if let Some(square) = self.square(place)
                 && !reached[square]
-                && is_free(self.edges, place, self.middle(square))
+                && is_free(&self.edges, place, self.middle(square))
             {
                 reached[square] = true;
                 begun.push_back(square);
@@ -161,7 +166,7 @@ impl<'a> Floor<'a> {
                 (row + 1 < self.rows).then(|| square + self.columns),
             ];
             for next in beside.into_iter().flatten() {
-                if !reached[next] && is_free(self.edges, self.middle(square), self.middle(next)) {
+                if !reached[next] && is_free(&self.edges, self.middle(square), self.middle(next)) {
                     reached[next] = true;
                     begun.push_back(next);
                 }

@@ -25,6 +25,7 @@ struct Site {
     limits: Limits,
     networks: Vec<Network>,
     obstacles: Vec<Vec<[f64; 2]>>,
+    area: Vec<[f64; 2]>,
 }
 
 /// One network, and the findings on it.
@@ -60,6 +61,7 @@ impl Judge {
             limits: record.limits,
             networks: record.networks.clone(),
             obstacles: record.obstacles.clone(),
+            area: record.area.clone(),
         };
         if self.site.as_ref() != Some(&site) {
             self.networks.clear();

@@ -10,6 +10,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use calib_core::{Refusal, Status};
+use nalgebra::{Isometry2, Point2};
 use node_firmware::message::{Eye, Health};
 
 use super::{Node, NodeLens, Protection, Role, RunRecord, checks, next_stop::Wish};
@@ -21,6 +22,7 @@ mod words;
 
 pub use causes::deceives;
 pub use in_view::InView;
+pub(super) use in_view::{Edge, Floor, edges, is_free};
 pub use judge::Judge;
 pub use words::{check_words, half_turn, health_words, status_words};
 
@@ -57,8 +59,13 @@ pub struct Verdict {
     pub failing: Vec<Failing>,
     /// Where to stop the target next: by ascending network, the best place first.
     pub next_stops: Vec<NextStop>,
+    /// Changes that help cameras that no stop helps, the best one first.
+    pub instead: Vec<Instead>,
+    /// Where the frames of the networks are in that of the site's file, as far as that is known.
+    frames: BTreeMap<u16, Isometry2<f64>>,
+    references: BTreeSet<u16>,
     /// Where targets stood at their stops.
-    stood: BTreeMap<(u16, u32), [f64; 2]>,
+    stood: BTreeMap<(u16, u32), (u16, [f64; 2])>,
     unit: String,
     has_networks: bool,
     is_rehearsal: bool,
@@ -215,6 +222,42 @@ pub struct NextStop {
     pub again: Option<u32>,
     /// The cameras that want to see it there.
     pub seen_by: Vec<u16>,
+    /// Camera that gains most by it, as far as that is foretold.
+    pub helps: Option<Gain>,
+}
+
+/// Improvement of a camera, foretold by the information of all measurements, with those of a carrier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gain {
+    /// Number of the camera.
+    pub camera: u16,
+    /// Number that improves.
+    pub of: Gained,
+    /// Its value now.
+    pub from: f64,
+    /// Its value then.
+    pub to: f64,
+}
+
+/// Number that improves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gained {
+    /// Predicted sigma of its place.
+    Sigma,
+    /// Most that one wrong measurement could move it unnoticed.
+    Protection,
+}
+
+/// Change of the site that helps where no further stop does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Instead {
+    /// The carrier of this target is measured: 1 % of its ways and 1 deg of its compass.
+    Carrier(u16, Gain),
+    /// These two cameras are the references.
+    References([u16; 2], Gain),
+    /// All cameras have lenses of one and a half times the field of view.
+    Lens(Gain),
 }
 
 impl Verdict {
@@ -228,15 +271,19 @@ impl Verdict {
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
         common.extend(networks.missing(record).map(Common::Reference));
-        let mut to_check = Vec::new();
+        let (mut to_check, mut instead, mut taken_up) = (Vec::new(), Vec::new(), BTreeSet::new());
         for network in record.networks.iter().map(|network| network.network) {
             let Unchecked {
                 troubles,
                 stops,
                 common: own,
+                instead: other,
+                taken_up: weak,
             } = judge.unchecked(record, network);
             common.extend(own);
             to_check.extend(stops);
+            instead.extend(other);
+            taken_up.extend(weak);
             for (camera, trouble) in troubles {
                 by_camera.entry(camera).or_default().push(trouble);
             }
@@ -250,7 +297,9 @@ impl Verdict {
         let mut wishes = BTreeMap::<u16, Vec<Wish<'_>>>::new();
         for camera in record.cameras() {
             let troubles = by_camera.get(&camera.id);
-            if let Some(wish) = troubles.and_then(|own| networks.wish(camera, own)) {
+            if let Some(wish) = troubles.and_then(|own| networks.wish(camera, own))
+                && !taken_up.contains(&camera.id)
+            {
                 wishes.entry(camera.network).or_default().push(wish);
             }
         }
@@ -260,6 +309,13 @@ impl Verdict {
             .chain(to_check)
             .collect();
         next_stops.sort_by_key(|stop| stop.network);
+        if common.iter().any(Common::comes_first) {
+            // Stops with wrong lenses make wrong poses sure.
+            (next_stops, instead) = (Vec::new(), Vec::new());
+        }
+        let frames: BTreeMap<u16, Isometry2<f64>> = { record.networks.iter() }
+            .filter_map(|own| Some((own.network, record.building(own.network)?)))
+            .collect();
         let findings: Vec<_> = by_camera
             .into_iter()
             .flat_map(|(camera, troubles)| {
@@ -297,15 +353,31 @@ impl Verdict {
                 .collect(),
             failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
+            instead,
             findings,
             stood: { record.targets.iter() }
-                .flat_map(|target| target.stops.iter().map(move |stop| (target.id, stop)))
-                .map(|(target, stop)| ((target, stop.stop), [stop.x, stop.y]))
+                .flat_map(|target| target.stops.iter().map(move |stop| (target, stop)))
+                .map(|(target, stop)| {
+                    let place = (target.network, [stop.x, stop.y]);
+                    ((target.id, stop.stop), place)
+                })
+                .collect(),
+            frames,
+            references: { record.cameras() }
+                .filter(|camera| camera.reference)
+                .map(|camera| camera.id)
                 .collect(),
             unit: record.unit.name.clone(),
             has_networks: record.has_networks(),
             is_rehearsal: record.seed.is_some(),
         }
+    }
+
+    /// A place of a network as people are told it: in the frame of the site's file, where that is known.
+    pub fn told_place(&self, network: u16, [x, y]: [f64; 2]) -> [f64; 2] {
+        let place = Point2::new(x, y);
+        let frame = self.frames.get(&network);
+        frame.map_or(place, |frame| frame * place).into()
     }
 
     /// Returns true if every camera that should be calibrated is.
@@ -336,6 +408,9 @@ struct Unchecked {
     troubles: Vec<(u16, Trouble)>,
     stops: Vec<NextStop>,
     common: Vec<Common>,
+    instead: Vec<Instead>,
+    /// Weak cameras to which these stops are of use, or none is.
+    taken_up: Vec<u16>,
 }
 
 fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
@@ -343,7 +418,12 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     let unchecked: Vec<&Node> = own()
         .filter(|camera| camera.is_checkable() && !camera.is_checked(&record.limits))
         .collect();
-    if unchecked.is_empty() {
+    let weak = own().filter(|camera| camera.expected && camera.status == Some(Status::Weak));
+    let weak: Vec<&Node> = weak.filter(|camera| camera.estimate.is_some()).collect();
+    if unchecked.is_empty() && weak.is_empty() {
+        return Unchecked::default();
+    }
+    if unchecked.is_empty() && own().all(|camera| camera.protection.is_none()) {
         return Unchecked::default();
     }
     if own().all(|camera| camera.protection.is_none()) {
@@ -356,7 +436,8 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
             ..Unchecked::default()
         };
     }
-    let checks = checks::of(record, network, &unchecked);
+    let all: Vec<&Node> = unchecked.iter().chain(&weak).copied().collect();
+    let checks = checks::of(record, network, &all);
     let troubles = unchecked.iter().map(|camera| {
         let trouble = Trouble::Unchecked {
             protection: camera.protection,
@@ -366,8 +447,13 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     });
     Unchecked {
         troubles: troubles.collect(),
+        taken_up: match checks.is_known {
+            true => weak.iter().map(|camera| camera.id).collect(),
+            false => Vec::new(),
+        },
         stops: checks.stops,
         common: Vec::new(),
+        instead: checks.instead,
     }
 }
 
@@ -535,6 +621,13 @@ impl Trouble {
             self,
             Self::NeverJoined | Self::Fails(_) | Self::Silent(_) | Self::NeverSaw(InView::Sealed)
         )
+    }
+}
+
+impl Common {
+    /// Returns true of a cause that has to be mended before anything else helps.
+    fn comes_first(&self) -> bool {
+        matches!(self, Self::Lens(_))
     }
 }
 

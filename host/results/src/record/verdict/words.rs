@@ -6,7 +6,8 @@ use calib_core::{Refusal, Status, camera::Projection};
 use node_firmware::message::{Eye, Health, Memory, Restart};
 
 use super::{
-    Cause, Common, Failing, Finding, InView, NextStop, Protection, Role, Trouble, Verdict, Weakness,
+    Cause, Common, Failing, Finding, Gain, Gained, InView, Instead, NextStop, Protection, Role,
+    Trouble, Verdict, Weakness,
 };
 
 /// Things to look at, in a rehearsal and of a real node.
@@ -100,8 +101,9 @@ impl fmt::Display for Failing {
 }
 
 impl Finding {
-    fn write(&self, f: &mut fmt::Formatter<'_>, unit: &str, never_joined: &str) -> fmt::Result {
-        write!(f, "  camera {}: ", self.camera)?;
+    /// Writes the problem, without the name of the camera.
+    fn write(&self, f: &mut fmt::Formatter<'_>, verdict: &Verdict) -> fmt::Result {
+        let (unit, never_joined) = (&verdict.unit, verdict.never_joined());
         match &self.trouble {
             Trouble::NeverJoined => write!(f, "not calibrated: {never_joined}"),
             Trouble::Fails(_) => f.write_str("not calibrated: its board fails, see below"),
@@ -129,6 +131,9 @@ impl Finding {
                 Refusal::Inconsistent
             ),
             Trouble::Refused(refusal) => write!(f, "not calibrated: {refusal}"),
+            Trouble::NoReferences if verdict.references.contains(&self.camera) => f.write_str(
+                "not calibrated: it waits for stops that both reference cameras see, three at least",
+            ),
             Trouble::NoReferences => f.write_str(
                 "not calibrated: the two reference cameras come first, and have no answer yet",
             ),
@@ -227,7 +232,7 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
     }
 }
 
-/// Remedy for a weakness of this camera's pose, or of several.
+/// Measurement behind a weakness of this camera's pose, or of several.
 struct Remedy<'a>(&'a Verdict, Option<Weakness>, Option<u16>);
 
 impl fmt::Display for Remedy<'_> {
@@ -236,13 +241,16 @@ impl fmt::Display for Remedy<'_> {
         match (weakness, of) {
             (Some(Weakness::Leg { target, from, to }), _) => {
                 let [from, to] = [from, to].map(|stop| AtStop(verdict, target, stop));
-                write!(f, "walk back across the leg from {from} to {to}")
+                write!(f, "the weakest measurement is the leg from {from} to {to}")
             }
             (Some(Weakness::Sightings { camera }), of) if of != Some(camera) => {
-                write!(f, "stop again before camera {camera}")
+                write!(
+                    f,
+                    "the weakest measurement is a sighting of camera {camera}"
+                )
             }
-            (_, Some(_)) => f.write_str("stop again before it"),
-            (_, None) => f.write_str("stop again before each of them"),
+            (_, Some(_)) => f.write_str("it has too few sightings"),
+            (_, None) => f.write_str("each has too few sightings"),
         }
     }
 }
@@ -255,11 +263,42 @@ impl fmt::Display for AtStop<'_> {
         let Self(verdict, target, stop) = *self;
         write!(f, "stop {stop}")?;
         match verdict.stood.get(&(target, stop)) {
-            Some([x, y]) => write!(f, " at ({x:.1}, {y:.1})"),
+            Some((network, place)) => {
+                let [x, y] = verdict.told_place(*network, *place);
+                write!(f, " at ({x:.1}, {y:.1})")
+            }
             None => Ok(()),
         }
     }
 }
+
+/// An improvement, with the unit of lengths.
+struct Gains<'a>(&'a Gain, &'a str);
+
+impl fmt::Display for Gains<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(gain, unit) = *self;
+        let Gain {
+            camera,
+            of,
+            from,
+            to,
+        } = gain;
+        match of {
+            Gained::Sigma => write!(
+                f,
+                "camera {camera} from {from:.2} {unit} to about {to:.2} {unit}"
+            ),
+            Gained::Protection => write!(
+                f,
+                "one wrong measurement then moves camera {camera} by about {to:.2} {unit}, not {from:.2} {unit}"
+            ),
+        }
+    }
+}
+
+/// Frame of places that are told, where no site file tells where the network is.
+const FRAME: &str = "Places count from the first reference camera, x towards the second: no site file tells where they are.";
 
 /// A finding in words, with the unit of lengths.
 struct Told<'a>(&'a Finding, &'a Verdict);
@@ -267,7 +306,7 @@ struct Told<'a>(&'a Finding, &'a Verdict);
 impl fmt::Display for Told<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(finding, verdict) = *self;
-        finding.write(f, &verdict.unit, verdict.never_joined())
+        finding.write(f, verdict)
     }
 }
 
@@ -283,9 +322,7 @@ impl Verdict {
             let check = check_words(protection.as_ref(), false, &self.unit);
             return format!("{check}: {remedy}");
         }
-        let told = Told(finding, self).to_string();
-        let name = format!("  camera {}: ", finding.camera);
-        told.strip_prefix(&name).unwrap_or(&told).to_owned()
+        Told(finding, self).to_string()
     }
 
     fn never_joined(&self) -> &'static str {
@@ -301,24 +338,22 @@ impl Verdict {
                 weakness,
             } = trouble
             {
-                // One's own sightings are its own affair.
-                let own = match weakness {
-                    Some(Weakness::Leg { .. }) => None,
-                    _ => Some(*camera),
-                };
-                let of_it = by_weakness.entry((*weakness, own)).or_default();
+                // Too few sightings of its own: told once of all such cameras.
+                let weakness = weakness.filter(
+                    |weakness| !matches!(weakness, Weakness::Sightings { camera: of } if of == camera),
+                );
+                let of_it = by_weakness.entry(weakness).or_default();
                 of_it.push((*camera, *protection));
             }
         }
-        for ((weakness, _), unchecked) in by_weakness {
+        for (weakness, unchecked) in by_weakness {
             let ids: Vec<u16> = unchecked.iter().map(|(id, _)| *id).collect();
             let levels = unchecked.iter().filter_map(|(_, level)| *level);
             let worst = levels.reduce(Protection::or);
             let only = <[u16; 1]>::try_from(ids.as_slice());
-            let each = if only.is_ok() { "" } else { "each is " };
             writeln!(
                 f,
-                "  {}: {each}{}: {}",
+                "  {}: {}: {}",
                 cameras(&ids),
                 check_words(worst.as_ref(), false, &self.unit),
                 Remedy(self, weakness, only.ok().map(|[id]| id)),
@@ -346,7 +381,42 @@ impl Verdict {
             None => f.write_str("stop the target about ")?,
         }
         let seen_by = cameras(&stop.seen_by);
-        writeln!(f, "({:.1}, {:.1}), in view of {seen_by}", stop.x, stop.y)
+        let [x, y] = self.told_place(stop.network, [stop.x, stop.y]);
+        write!(f, "({x:.1}, {y:.1}), in view of {seen_by}")?;
+        if let Some(gain) = &stop.helps {
+            write!(f, ": {}", Gains(gain, &self.unit))?;
+        }
+        writeln!(f)
+    }
+
+    /// Tells in whose frame places are, where it is not that of the site's file.
+    fn write_frame(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is_told = |stop: &NextStop| !self.frames.contains_key(&stop.network);
+        match self.next_stops.iter().any(is_told) {
+            true => writeln!(f, "{FRAME}"),
+            false => Ok(()),
+        }
+    }
+
+    fn write_instead(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.instead.is_empty() {
+            return Ok(());
+        }
+        f.write_str("No further stop helps. These would:")?;
+        for (number, instead) in self.instead.iter().enumerate() {
+            f.write_str(if number == 0 { " " } else { "; or " })?;
+            match instead {
+                Instead::Carrier(target, _) => {
+                    write!(f, "measure the carrier of target {target} to 1 % and 1 deg")?;
+                }
+                Instead::References([a, b], _) => {
+                    write!(f, "make cameras {a} and {b} the references")?;
+                }
+                Instead::Lens(_) => f.write_str("lenses of 1.5 times the field of view")?,
+            }
+            write!(f, ": {}", Gains(instead.gain(), &self.unit))?;
+        }
+        writeln!(f, ".")
     }
 
     /// Writes the protection of checked poses.
@@ -371,8 +441,8 @@ impl Verdict {
             Common::Lens(ratio) => writeln!(
                 f,
                 "  The cameras see the target {ratio:.1} times farther off than foretold from where \
-                 it is: their lenses are not what they are configured to. Check the projection and \
-                 the field of view."
+                 it is: their lenses are not what they are configured to. Correct the projection and \
+                 the field of view first: no further stop helps before."
             ),
             Common::Carrier(target, ratio) => writeln!(
                 f,
@@ -433,7 +503,6 @@ impl fmt::Display for Verdict {
         let Self {
             expected,
             calibrated,
-            unit,
             ..
         } = self;
         let never_joined = self.never_joined();
@@ -456,10 +525,18 @@ impl fmt::Display for Verdict {
         for common in &self.common {
             self.write_common(f, *common)?;
         }
-        let told = |finding: &&Finding| !matches!(finding.trouble, Trouble::Unchecked { .. });
-        for finding in self.findings.iter().filter(told) {
-            finding.write(f, unit, never_joined)?;
-            writeln!(f)?;
+        // What is the same of several cameras is told once.
+        let mut told: Vec<(String, Vec<u16>)> = Vec::new();
+        let is_told = |finding: &&Finding| !matches!(finding.trouble, Trouble::Unchecked { .. });
+        for finding in self.findings.iter().filter(is_told) {
+            let words = self.words_on(finding);
+            match told.iter_mut().find(|(other, _)| *other == words) {
+                Some((_, of)) => of.push(finding.camera),
+                None => told.push((words, vec![finding.camera])),
+            }
+        }
+        for (words, of) in told {
+            writeln!(f, "  {}: {words}", cameras(&of))?;
         }
         self.write_unchecked(f)?;
         for target in &self.absent {
@@ -477,15 +554,23 @@ impl fmt::Display for Verdict {
         for count in 1..=self.next_stops.len() {
             self.write_next(f, &self.next_stops[..count])?;
         }
-        Ok(())
+        self.write_instead(f)?;
+        self.write_frame(f)
     }
 }
+
+/// More cameras than these are counted, and the first ones named.
+const MOST_NAMED: usize = 8;
 
 /// `camera 3`, `cameras 3 and 4`, `cameras 3, 4 and 5`
 fn cameras(ids: &[u16]) -> String {
     let names: Vec<String> = ids.iter().map(u16::to_string).collect();
     match names.split_last() {
         Some((last, [])) => format!("camera {last}"),
+        Some(_) if ids.len() > MOST_NAMED => {
+            let (named, _) = names.split_at(MOST_NAMED - 2);
+            format!("{} cameras ({}, ...)", ids.len(), named.join(", "))
+        }
         Some((last, rest)) => format!("cameras {} and {last}", rest.join(", ")),
         None => "no camera".to_owned(),
     }

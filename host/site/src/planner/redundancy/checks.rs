@@ -5,7 +5,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    super::{Noise, ground::Ground},
+    super::{
+        Noise,
+        ground::{ANYWHERE, Ground},
+    },
     Redundancy, Survey, Tolerance,
 };
 use crate::world::World;
@@ -27,21 +30,17 @@ pub struct CheckWish {
 }
 
 /// Where to stop so that poses are checked.
-#[derive(Clone, Debug)]
 pub struct Checks<'a> {
     /// The cameras of the survey, in the same order, and obstacles.
     pub world: &'a World,
     /// Radius of the target.
     pub radius: f64,
-    /// Lowest and highest corner of where it may go.
-    pub bounds: [Point2<f64>; 2],
+    /// Places at which a person can stand. No other is asked for, but those of the survey.
+    pub may_stand: &'a dyn Fn(Point2<f64>) -> bool,
     /// Noise of the cameras' measurements, in columns.
     pub columns: f64,
     /// The poses that are to be checked.
     pub wishes: Vec<CheckWish>,
-    /// Places where the target was in other walks. Together with those of the survey: a place that is farther from
-    /// all of them than a camera sees is not asked for.
-    pub been: &'a [Point2<f64>],
 }
 
 /// One more stop.
@@ -110,21 +109,19 @@ impl Checks<'_> {
     fn candidates(&self, survey: &Survey) -> Vec<(CheckStop, Vec<(usize, f64)>)> {
         let ground = Ground {
             world: self.world,
-            bounds: self.bounds,
+            bounds: ANYWHERE,
             radius: self.radius,
+            may_stand: Some(self.may_stand),
         };
         let noise = Noise {
             columns: self.columns,
             standing: 0.0,
         };
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let been = || survey.stops.iter().chain(self.been);
         let new = self.wishes.iter().flat_map(|wish| {
-            let range = self.world.cameras()[wish.camera].range;
             let places = ground.candidates(&[wish.camera], &mut random, |_| ());
             let places = places.into_iter().map(|(place, ())| place);
-            let near = places.filter(move |place| been().any(|been| (place - been).norm() < range));
-            near.take(TRIED)
+            { places.take(TRIED) }
                 .map(|place| (place, None))
                 .collect::<Vec<_>>()
         });

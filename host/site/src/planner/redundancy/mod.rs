@@ -400,6 +400,15 @@ impl Redundancy {
         cameras.iter().map(level).collect()
     }
 
+    /// Sigma of a camera's place, along both axes together; `None` of a reference.
+    pub fn sigma(&self, camera: usize) -> Option<f64> {
+        let column = camera
+            .checked_sub(2)
+            .map(|_| Survey::camera_column(camera))?;
+        let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
+        Some((variance(0) + variance(1)).sqrt())
+    }
+
     /// The same walk, gone on with to one more stop, where these cameras see the target.
     #[must_use]
     pub fn with_stop(&self, place: Point2<f64>, looks: &[(usize, f64)]) -> Self {

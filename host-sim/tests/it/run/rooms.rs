@@ -1,0 +1,199 @@
+//! Rooms whose references stand anywhere: what people are told is in the frame of the site's file, and a next stop is
+//! a place where a person can stand.
+
+use host_sim::network::{FurtherEnd, Options, Simulation};
+use results::{
+    export::Frame,
+    record::{
+        RunRecord,
+        verdict::{Common, Gained, Verdict},
+    },
+    report::run::run_report,
+};
+use site::{Overrides, Scenario};
+
+/// A person who was not measured.
+const CARRIER: &str = "
+    [firmware]
+    systematic_heading_deg = 3.0
+    systematic_scale = 0.08
+    [sensor]
+    measures = true
+    scale_bias = -0.032
+    heading_bias_deg = -0.97
+    leg_distance = 0.02
+    leg_heading_deg = 1.0
+    [walk]
+    speed = 0.8
+    step_length = 0.6
+";
+
+/// A room of this size with these cameras: `(x, y, heading)`. The lenses see 45 degrees.
+fn room(size: [f64; 2], cameras: &[(f64, f64, f64)], lens: &str) -> String {
+    let [width, height] = size;
+    let cameras = cameras.iter().zip(1..).map(|((x, y, heading), id)| {
+        format!("{{ id = {id}, x = {x}, y = {y}, heading_deg = {heading} }},")
+    });
+    format!(
+        "name = \"room\"
+        unit = \"m\"
+        [camera]
+        field_of_view_deg = 45
+        {lens}
+        projection = \"pin-hole\"
+        {CARRIER}
+        [world]
+        low = [0, 0]
+        high = [{width:.1}, {height:.1}]
+        [[network]]
+        references = {{ cameras = [1, 2] }}
+        camera = [{}]
+        target = [{{ id = 50, radius = 0.1 }}]",
+        cameras.collect::<String>()
+    )
+}
+
+/// Two references in a corner, turned by 219 degrees.
+fn turned() -> String {
+    let cameras = [
+        (6.0, 5.48, 209.0),
+        (6.0, 4.48, 173.0),
+        (1.63, 0.0, 39.0),
+        (6.0, 1.15, 180.0),
+    ];
+    room([6.0, 6.0], &cameras, "")
+}
+
+/// Cameras along a corridor, which see one another's places only.
+fn corridor() -> String {
+    let cameras: Vec<_> = (0..8)
+        .map(|n| (4.0 * f64::from(n), 0.1, 180.0 * f64::from(n % 2)))
+        .collect();
+    room([28.0, 2.0], &cameras, "")
+}
+
+/// A room whose cameras have other lenses than the file says.
+fn other_lenses() -> String {
+    let cameras = [
+        (0.0, 0.0, 45.0),
+        (8.0, 0.0, 135.0),
+        (8.0, 5.0, 225.0),
+        (0.0, 5.0, 315.0),
+        (4.0, 0.0, 90.0),
+        (4.0, 5.0, 270.0),
+    ];
+    room([8.0, 5.0], &cameras, "model = { field_of_view_deg = 52.0 }")
+}
+
+fn run(site: &str, seed: u64, further_stops: usize) -> (RunRecord, usize, Option<FurtherEnd>) {
+    let mut scenario = Scenario::from_toml(site, &Overrides::default()).unwrap();
+    scenario.seed = seed;
+    let options = Options {
+        further_stops,
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options).unwrap();
+    let record = simulation.run(|_| ());
+    (record, simulation.further_stops(), simulation.further_end())
+}
+
+/// Every stop that is asked for is inside the world, and in view of the cameras that it names.
+#[test]
+fn a_next_stop_is_a_place_where_a_person_can_stand() {
+    let mut asked = 0;
+    for (site, [width, height]) in [(turned(), [6.0, 6.0]), (corridor(), [28.0, 2.0])] {
+        for seed in 1..=4 {
+            let (record, ..) = run(&site, seed, 0);
+            let verdict = Verdict::of(&record);
+            for stop in &verdict.next_stops {
+                asked += 1;
+                let [x, y] = verdict.told_place(stop.network, [stop.x, stop.y]);
+                assert!(
+                    (0.0..=width).contains(&x) && (0.0..=height).contains(&y),
+                    "{verdict}"
+                );
+                for id in &stop.seen_by {
+                    let camera = record.cameras().find(|camera| camera.id == *id).unwrap();
+                    let (pose, view) = (camera.estimate.unwrap(), camera.view.unwrap());
+                    let (dx, dy) = (stop.x - pose.x, stop.y - pose.y);
+                    let off = (dy.atan2(dx).to_degrees() - pose.heading_deg).rem_euclid(360.0);
+                    assert!(
+                        off.min(360.0 - off) <= view.fov_deg / 2.0,
+                        "camera {id}: {verdict}"
+                    );
+                    assert!(dx.hypot(dy) <= view.range, "camera {id}: {verdict}");
+                }
+                if let Some(gain) = stop.helps {
+                    assert!(gain.to > 0.0 && gain.from > 0.0, "{verdict}");
+                    assert!(
+                        gain.of == Gained::Protection || gain.to <= gain.from,
+                        "{verdict}"
+                    );
+                }
+            }
+        }
+    }
+    assert!(asked > 0);
+}
+
+/// The verdict, the table and exports tell places as the site's file does.
+#[test]
+fn people_are_told_places_as_the_file_tells_them() {
+    let (record, ..) = run(&turned(), 1, 0);
+    assert_eq!(Frame::for_people(&record), Frame::Building);
+    let verdict = Verdict::of(&record);
+    // The first reference is the origin of the network, and at (6, 5.48) in the room.
+    let [x, y] = verdict.told_place(1, [0.0, 0.0]);
+    assert!((x - 6.0).abs() < 1e-9 && (y - 5.48).abs() < 1e-9);
+    let [x, y] = verdict.told_place(1, [1.0, 0.0]);
+    assert!((x - 6.0).abs() < 1e-9 && (y - 4.48).abs() < 1e-9);
+    let shown = record.for_people();
+    for (id, [x, y], heading) in [(3, [1.63, 0.0], 39.0), (4, [6.0, 1.15], 180.0)] {
+        let camera = shown.cameras().find(|camera| camera.id == id).unwrap();
+        let truth = camera.truth.unwrap();
+        assert!(
+            (truth.x - x).hypot(truth.y - y) < 1e-6,
+            "camera {id}: {truth:?}"
+        );
+        assert!(
+            (truth.heading_deg - heading).abs() < 1e-6,
+            "camera {id}: {truth:?}"
+        );
+    }
+    let report = run_report(&record);
+    assert!(
+        report.contains("in the frame of the site's file"),
+        "{report}"
+    );
+    // The outline of the room is that of the file.
+    let corners: Vec<_> = shown
+        .area
+        .iter()
+        .map(|corner| corner.map(f64::round))
+        .collect();
+    assert_eq!(corners, [[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]]);
+}
+
+/// No stop is made where that improves nothing, and the verdict says what would help.
+#[test]
+fn no_stop_is_made_in_vain() {
+    let (record, made, end) = run(&corridor(), 1, 24);
+    let verdict = Verdict::of(&record);
+    assert!(
+        made < 24 || verdict.is_checked(),
+        "{made} {end:?} {verdict}"
+    );
+    if !verdict.is_checked() && verdict.next_stops.is_empty() {
+        assert!(!verdict.instead.is_empty(), "{verdict}");
+    }
+    let (record, made, _) = run(&other_lenses(), 1, 24);
+    let verdict = Verdict::of(&record);
+    assert!(
+        verdict
+            .common
+            .iter()
+            .any(|common| matches!(common, Common::Lens(_))),
+        "{verdict}"
+    );
+    assert_eq!((made, verdict.next_stops.len()), (0, 0), "{verdict}");
+}
