@@ -17,6 +17,8 @@ pub(super) struct Further {
     orders: BTreeMap<u16, Rc<Orders>>,
     /// What was known before the last stops to which targets were led.
     before: Option<Vec<Known>>,
+    /// So many times in turn, that was in vain.
+    in_vain: usize,
     end: Option<FurtherEnd>,
 }
 
@@ -33,6 +35,9 @@ pub enum FurtherEnd {
 
 /// A camera's status, whether it is checked, its sigma, and what one wrong measurement could do to it.
 type Known = (u16, [bool; 2], [f64; 2]);
+
+/// Verdicts in turn that may be followed in vain.
+const PATIENCE: usize = 2;
 
 /// An improvement by less than this share is none.
 const LEAST_GAIN: f64 = 0.02;
@@ -66,6 +71,7 @@ impl Further {
             made: 0,
             orders: BTreeMap::new(),
             before: None,
+            in_vain: 0,
             end: None,
         }
     }
@@ -100,7 +106,15 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     }
     let record = outcome::record(simulation, 0.0);
     let now = known(&record);
-    if { simulation.further.before.as_ref() }.is_some_and(|before| !is_better(before, &now)) {
+    let before = simulation.further.before.as_ref();
+    let is_in_vain = before.is_some_and(|before| !is_better(before, &now));
+    let in_vain = if is_in_vain {
+        simulation.further.in_vain + 1
+    } else {
+        0
+    };
+    simulation.further.in_vain = in_vain;
+    if in_vain >= PATIENCE {
         simulation.further.end = Some(FurtherEnd::InVain);
         return None;
     }

@@ -1,11 +1,12 @@
 //! Rooms whose references stand anywhere: what people are told is in the frame of the site's file, and a next stop is
 //! a place where a person can stand.
 
+use calib_core::Status;
 use host_sim::network::{FurtherEnd, Options, Simulation};
 use results::{
     export::Frame,
     record::{
-        RunRecord,
+        Place, RunRecord,
         verdict::{Common, Gained, Verdict},
     },
     report::run::run_report,
@@ -114,7 +115,16 @@ fn a_next_stop_is_a_place_where_a_person_can_stand() {
                 );
                 for id in &stop.seen_by {
                     let camera = record.cameras().find(|camera| camera.id == *id).unwrap();
-                    let (pose, view) = (camera.estimate.unwrap(), camera.view.unwrap());
+                    // A doubtful pose is not believed: such a camera is where it was put.
+                    let is_believed = camera.status != Some(Status::Doubtful);
+                    let believed = camera.estimate.filter(|_| is_believed);
+                    let pose = believed.map(|pose| Place {
+                        x: pose.x,
+                        y: pose.y,
+                        heading_deg: pose.heading_deg,
+                    });
+                    let pose = pose.or(camera.truth).unwrap();
+                    let view = camera.view.unwrap();
                     let (dx, dy) = (stop.x - pose.x, stop.y - pose.y);
                     let off = (dy.atan2(dx).to_degrees() - pose.heading_deg).rem_euclid(360.0);
                     assert!(

@@ -40,8 +40,6 @@ pub(super) struct Unchecked {
     pub(super) stops: Vec<NextStop>,
     /// Changes that help where no stop does.
     pub(super) instead: Vec<Instead>,
-    /// False if it is not known what cameras see, so that nothing is foretold.
-    pub(super) is_known: bool,
 }
 
 /// One target's walk through a network.
@@ -79,17 +77,77 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
         })
         .collect();
     let stops = walk.stops(network, &indices);
-    let is_known = stops.is_some() && !indices.is_empty();
-    let stops = stops.unwrap_or_default();
-    let instead = match is_known && stops.is_empty() {
-        true => walk.instead(&indices),
-        false => Vec::new(),
+    let instead = match &stops {
+        Some(stops) if stops.is_empty() => walk.instead(&indices),
+        _ => Vec::new(),
     };
     Unchecked {
         weaknesses,
-        stops,
+        stops: stops.unwrap_or_default(),
         instead,
-        is_known,
+    }
+}
+
+/// Advice about weak poses.
+#[derive(Debug, Default)]
+pub(super) struct Weak {
+    /// Where to stop next.
+    pub(super) stops: Vec<NextStop>,
+    /// Changes that help where no stop does.
+    pub(super) instead: Vec<Instead>,
+}
+
+/// Returns true if a camera has a pose that is only less certain than asked for.
+pub(super) fn is_weak(camera: &Node) -> bool {
+    camera.status == Some(Status::Weak) && camera.estimate.is_some()
+}
+
+/// Keeps of these stops those that help weak cameras, or that others want, and finds others for weak cameras that
+/// none of them helps.
+pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak: &[&Node]) -> Weak {
+    let foretold = { (!weak.is_empty()).then(|| Walk::longest(record, network, true)) }.flatten();
+    let Some((walk, world)) = foretold.and_then(|walk| {
+        let world = walk.world()?;
+        Some((walk, world))
+    }) else {
+        return Weak {
+            stops,
+            instead: Vec::new(),
+        };
+    };
+    let index = |id: &u16| walk.cameras.iter().position(|camera| camera.id == *id);
+    let wishing: Vec<usize> = weak.iter().filter_map(|camera| index(&camera.id)).collect();
+    let mut now = walk.known.clone();
+    let (mut kept, mut helped) = (Vec::new(), BTreeSet::new());
+    for mut stop in stops {
+        let after = walk.after(&now, &world, Point2::new(stop.x, stop.y));
+        let own: Vec<usize> = { stop.seen_by.iter().filter_map(&index) }
+            .filter(|index| wishing.contains(index))
+            .collect();
+        let gain = walk.gain(&own, &now, &after);
+        let others = stop
+            .seen_by
+            .iter()
+            .any(|id| weak.iter().all(|camera| camera.id != *id));
+        if gain.is_some_and(|gain| gain.to < (1.0 - LEAST_GAIN) * gain.from) {
+            stop.helps = gain;
+            helped.extend(stop.seen_by.iter().copied());
+        } else if !others {
+            continue;
+        }
+        kept.push(stop);
+        now = after;
+    }
+    let left = weak.iter().filter(|camera| !helped.contains(&camera.id));
+    let left: Vec<&Node> = left.copied().collect();
+    let more = match left.is_empty() {
+        true => Unchecked::default(),
+        false => of(record, network, &left),
+    };
+    kept.extend(more.stops);
+    Weak {
+        stops: kept,
+        instead: more.instead,
     }
 }
 
@@ -143,8 +201,8 @@ impl<'a> Walk<'a> {
     /// The walk with most stops, with weak cameras too or without.
     fn longest(record: &'a RunRecord, network: u16, with_weak: bool) -> Option<Self> {
         let own = |node: &&Node| node.network == network && node.estimate.is_some();
-        let is_weak = |node: &Node| with_weak && node.status == Some(Status::Weak);
-        let is_sound = |node: &&Node| (node.is_calibrated() || is_weak(node)) && !node.reference;
+        let is_sound =
+            |node: &&Node| (node.is_calibrated() || with_weak && is_weak(node)) && !node.reference;
         let cameras = || record.cameras().filter(own);
         let references: Vec<&Node> = cameras().filter(|camera| camera.reference).collect();
         let target = { record.targets.iter() }
@@ -181,16 +239,32 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// `None` where it is not known what cameras see.
-    fn stops(&self, network: u16, wishing: &[usize]) -> Option<Vec<NextStop>> {
+    /// Its cameras, where they are believed to stand, and obstacles; `None` where it is not known what cameras see.
+    fn world(&self) -> Option<World> {
         let standing: Option<Vec<_>> = { self.cameras.iter() }
             .map(|camera| stands(camera, true))
             .collect();
-        let world = World::new(
-            standing?,
-            obstacles(self.record, network).collect(),
-            Vec::new(),
-        );
+        let obstacles = obstacles(self.record, self.target.network).collect();
+        Some(World::new(standing?, obstacles, Vec::new()))
+    }
+
+    /// The walk gone on with to a stop there.
+    fn after(&self, now: &Redundancy, world: &World, place: Point2<f64>) -> Redundancy {
+        let noise = Noise {
+            columns: UNSEEN.columns,
+            standing: 0.0,
+        };
+        let radius = RADIUS * now.survey().range;
+        let looks = (0..self.cameras.len()).filter_map(|camera| {
+            world.sight(camera, place, radius).filter(Sight::is_whole)?;
+            Some((camera, noise.sigma(&world.cameras()[camera], place)))
+        });
+        now.with_stop(place, &looks.collect::<Vec<_>>())
+    }
+
+    /// `None` where it is not known what cameras see.
+    fn stops(&self, network: u16, wishing: &[usize]) -> Option<Vec<NextStop>> {
+        let world = self.world()?;
         let range = self.known.survey().range;
         let standing = Standing::of(self.record, network);
         let tolerance = tolerance(self.record);
@@ -206,16 +280,8 @@ impl<'a> Walk<'a> {
         };
         let (stops, _) = checks.stops(self.known.clone(), MOST);
         let mut now = self.known.clone();
-        let noise = Noise {
-            columns: UNSEEN.columns,
-            standing: 0.0,
-        };
         let named = stops.into_iter().map(|stop| {
-            let looks = stop.seen_by.iter().map(|&camera| {
-                let sigma = noise.sigma(&world.cameras()[camera], stop.place);
-                (camera, sigma)
-            });
-            let after = now.with_stop(stop.place, &looks.collect::<Vec<_>>());
+            let after = self.after(&now, &world, stop.place);
             let helps = self.gain(wishing, &now, &after);
             now = after;
             let ids = |wanted: &dyn Fn(usize) -> bool| -> Vec<u16> {

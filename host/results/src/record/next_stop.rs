@@ -10,7 +10,11 @@ use nalgebra::Point2;
 use site::planner::{self, Advice, Noise, PairWish};
 use site::world::{Camera, Obstacle, Variant, World};
 
-use super::{Node, RunRecord, View, standing::Standing, verdict::NextStop};
+use super::{
+    Node, RunRecord, View, checks,
+    standing::Standing,
+    verdict::{Instead, NextStop},
+};
 
 /// A record does not tell how large a target is: about as large as the thesis's, as a part of the
 /// camera's range.
@@ -36,8 +40,25 @@ impl Wish<'_> {
     }
 }
 
-/// The best stops for these cameras of a network, at most a handful.
-pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Vec<NextStop> {
+/// Stops, and changes of the site that help where no stop does.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Proposed {
+    pub(super) stops: Vec<NextStop>,
+    pub(super) instead: Vec<Instead>,
+}
+
+/// The best stops for these cameras of a network, at most a handful. A stop before cameras that are only weak has
+/// to make one of them more certain by all that is measured, with the carrier's ways.
+pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Proposed {
+    let stops = informative(record, network, wishes);
+    let weak = wishes.iter().map(|wish| wish.camera);
+    let weak: Vec<&Node> = weak.filter(|camera| checks::is_weak(camera)).collect();
+    let checks::Weak { stops, instead } = checks::weak(record, network, stops, &weak);
+    Proposed { stops, instead }
+}
+
+/// The stops that tell most about cameras by themselves.
+fn informative(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Vec<NextStop> {
     let (own, paired): (Vec<_>, Vec<_>) = wishes.iter().partition(|wish| !wish.in_pair);
     let references: Vec<&Node> = { record.cameras() }
         .filter(|camera| camera.network == network && camera.reference && !paired.is_empty())

@@ -5,10 +5,10 @@
 
 use std::collections::BTreeMap;
 
-use super::{NextStop, Unchecked, Verdict, unchecked};
+use super::{Unchecked, Verdict, unchecked};
 use crate::record::{
     Limits, Network, Node, RunRecord, Target,
-    next_stop::{self, Wish},
+    next_stop::{self, Proposed, Wish},
     sightings::Sightings,
 };
 
@@ -34,7 +34,7 @@ struct Known {
     part: Part,
     unchecked: Option<Unchecked>,
     /// For these wishes.
-    proposed: Option<(Vec<Wished>, Vec<NextStop>)>,
+    proposed: Option<(Vec<Wished>, Proposed)>,
 }
 
 /// Number of a camera that a stop is wanted for, and two properties of what is wanted.
@@ -110,7 +110,7 @@ impl Judge {
         record: &RunRecord,
         network: u16,
         wishes: &[Wish<'_>],
-    ) -> Vec<NextStop> {
+    ) -> Proposed {
         let find = || next_stop::propose(record, network, wishes);
         // A guest's stops are another network's.
         let Some(known) = { self.networks.get_mut(&network) }.filter(|known| known.part.is_alone())

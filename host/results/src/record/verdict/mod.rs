@@ -13,7 +13,10 @@ use calib_core::{Refusal, Status};
 use nalgebra::{Isometry2, Point2};
 use node_firmware::message::{Eye, Health};
 
-use super::{Node, NodeLens, Protection, Role, RunRecord, checks, next_stop::Wish};
+use super::{
+    Node, NodeLens, Protection, Role, RunRecord, checks,
+    next_stop::{Proposed, Wish},
+};
 
 mod causes;
 mod in_view;
@@ -271,19 +274,17 @@ impl Verdict {
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
         common.extend(networks.missing(record).map(Common::Reference));
-        let (mut to_check, mut instead, mut taken_up) = (Vec::new(), Vec::new(), BTreeSet::new());
+        let (mut to_check, mut instead) = (Vec::new(), Vec::new());
         for network in record.networks.iter().map(|network| network.network) {
             let Unchecked {
                 troubles,
                 stops,
                 common: own,
                 instead: other,
-                taken_up: weak,
             } = judge.unchecked(record, network);
             common.extend(own);
             to_check.extend(stops);
             instead.extend(other);
-            taken_up.extend(weak);
             for (camera, trouble) in troubles {
                 by_camera.entry(camera).or_default().push(trouble);
             }
@@ -297,17 +298,23 @@ impl Verdict {
         let mut wishes = BTreeMap::<u16, Vec<Wish<'_>>>::new();
         for camera in record.cameras() {
             let troubles = by_camera.get(&camera.id);
-            if let Some(wish) = troubles.and_then(|own| networks.wish(camera, own))
-                && !taken_up.contains(&camera.id)
-            {
+            if let Some(wish) = troubles.and_then(|own| networks.wish(camera, own)) {
                 wishes.entry(camera.network).or_default().push(wish);
             }
         }
-        let mut next_stops: Vec<NextStop> = wishes
-            .iter()
-            .flat_map(|(network, wishes)| judge.propose(record, *network, wishes))
-            .chain(to_check)
-            .collect();
+        let mut next_stops = Vec::new();
+        for (network, wishes) in &wishes {
+            let Proposed {
+                stops,
+                instead: other,
+            } = judge.propose(record, *network, wishes);
+            next_stops.extend(stops);
+            instead.extend(other);
+        }
+        next_stops.extend(to_check);
+        if !next_stops.is_empty() {
+            instead.clear();
+        }
         next_stops.sort_by_key(|stop| stop.network);
         if common.iter().any(Common::comes_first) {
             // Stops with wrong lenses make wrong poses sure.
@@ -409,8 +416,6 @@ struct Unchecked {
     stops: Vec<NextStop>,
     common: Vec<Common>,
     instead: Vec<Instead>,
-    /// Weak cameras to which these stops are of use, or none is.
-    taken_up: Vec<u16>,
 }
 
 fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
@@ -418,12 +423,7 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     let unchecked: Vec<&Node> = own()
         .filter(|camera| camera.is_checkable() && !camera.is_checked(&record.limits))
         .collect();
-    let weak = own().filter(|camera| camera.expected && camera.status == Some(Status::Weak));
-    let weak: Vec<&Node> = weak.filter(|camera| camera.estimate.is_some()).collect();
-    if unchecked.is_empty() && weak.is_empty() {
-        return Unchecked::default();
-    }
-    if unchecked.is_empty() && own().all(|camera| camera.protection.is_none()) {
+    if unchecked.is_empty() {
         return Unchecked::default();
     }
     if own().all(|camera| camera.protection.is_none()) {
@@ -436,8 +436,7 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
             ..Unchecked::default()
         };
     }
-    let all: Vec<&Node> = unchecked.iter().chain(&weak).copied().collect();
-    let checks = checks::of(record, network, &all);
+    let checks = checks::of(record, network, &unchecked);
     let troubles = unchecked.iter().map(|camera| {
         let trouble = Trouble::Unchecked {
             protection: camera.protection,
@@ -447,10 +446,6 @@ fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     });
     Unchecked {
         troubles: troubles.collect(),
-        taken_up: match checks.is_known {
-            true => weak.iter().map(|camera| camera.id).collect(),
-            false => Vec::new(),
-        },
         stops: checks.stops,
         common: Vec::new(),
         instead: checks.instead,

@@ -402,7 +402,7 @@ impl Verdict {
         if self.instead.is_empty() {
             return Ok(());
         }
-        f.write_str("No further stop helps. These would:")?;
+        f.write_str("No single further stop helps. These changes would:")?;
         for (number, instead) in self.instead.iter().enumerate() {
             f.write_str(if number == 0 { " " } else { "; or " })?;
             match instead {
@@ -441,7 +441,7 @@ impl Verdict {
             Common::Lens(ratio) => writeln!(
                 f,
                 "  The cameras see the target {ratio:.1} times farther off than foretold from where \
-                 it is: their lenses are not what they are configured to. Correct the projection and \
+                 it is: their lenses are not what they are configured to. Check the projection and \
                  the field of view first: no further stop helps before."
             ),
             Common::Carrier(target, ratio) => writeln!(
