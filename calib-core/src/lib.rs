@@ -8,11 +8,12 @@
 //! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
 //! | [`joint`] | Where are all cameras, the target's places, and what does its carrier get wrong, from everything together? |
+//! | [`space`] | Where is a camera that hangs high, tilted and rolled, from columns and rows? |
 //! | [`tracking`] | Where are objects that move, when a camera cannot tell which one it saw? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
 //! | [`fit`] | Do the measurements agree with the answer? |
 //!
-//! Everything works in the plane, as in the thesis this project builds on (section 2.4), allocates
+//! Everything but [`space`] works in the plane, as in the thesis this project builds on (section 2.4), allocates
 //! nothing, and is generic over the scalar ([`Real`]): `f32` on a node, `f64` on a computer, from
 //! the same source.
 //!
@@ -66,6 +67,7 @@ pub mod intersection;
 pub mod joint;
 pub mod reference;
 pub mod resection;
+pub mod space;
 pub mod tracking;
 
 mod numerics;

@@ -10,6 +10,7 @@ mod reference;
 mod resection;
 mod scene;
 mod serde;
+mod space;
 mod status;
 mod thesis;
 mod track;
