@@ -35,6 +35,7 @@ mod scenario_options;
 mod solve;
 mod solve_network;
 mod solve_reference;
+mod solve_space;
 mod sweep;
 mod sweep_outputs;
 mod values;

@@ -32,6 +32,7 @@ use super::{
     messages::{self, Messages, tell_assumed_sigma, tell_passed_over},
     of_file,
     run_outputs::write,
+    solve_space::{self, SpaceOptions},
     tell, unless_gone, values,
 };
 
@@ -51,8 +52,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "RAD", value_parser = values::positive)]
     bearing_sigma: Option<f64>,
     /// Standard deviation of the targets' places, for files without a column `target_sigma`.
-    #[arg(long, value_name = "LENGTH", value_parser = values::not_negative, default_value_t = 0.0)]
-    target_sigma: f64,
+    ///
+    /// Without it: 0 in the plane, 0.0005 with --lenses.
+    #[arg(long, value_name = "LENGTH", value_parser = values::not_negative)]
+    target_sigma: Option<f64>,
     /// Drop sightings more than this many sigmas off the pose that most others agree on.
     ///
     /// Needs five sightings of a case to find a wrong one, four to notice it. 3 to 5 are usual.
@@ -81,6 +84,8 @@ pub(super) struct Arguments {
         default_value_t = USUAL_LENS_SIGMA
     )]
     lens_sigma: f64,
+    #[command(flatten, next_help_heading = "Cameras in space")]
+    space: SpaceOptions,
 }
 
 const EPILOGUE: &str = "\
@@ -93,15 +98,24 @@ FILE.csv: the first line names the columns, in any order; columns not listed her
   sigma_rad           optional: standard deviation of the direction, radians
   target_sigma        optional: standard deviation of the target's place in x and in y
 
+With --lenses, instead: camera, target_x, target_y, target_z, column, row, and optional height_slab. One
+case is a camera and a height_slab. CAMERAS.toml: for each [[camera]] id, fx, fy, cx, cy (pixels), and
+optional k1, k2, projection (pin-hole or equal-angle).
+
 Examples:
   host-sim solve sightings.csv --bearing-sigma 0.0086
   host-sim solve sightings.csv --truth truth.csv --max-sigma 0.5 --plot map.svg
   host-sim solve blobs.csv --fov-deg 60 --columns 88 --projection equal-angle --json
+  host-sim solve sightings.csv --lenses cameras.toml --json
 
 JSON: case (always a string, as it stands in the file), status, reason (why there is no pose, or
 why it is doubtful; otherwise null), x, y, heading_rad (0 to 2 pi),
 sigma_x, sigma_y, sigma_heading_rad (null where there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
 are right, null where there is no pose).
+With --lenses: case, camera, height_slab, status, reason, x, y, z, heading_deg, pitch_deg (down is
+positive), roll_deg (positive where the left side is high), sigma_ of each, sightings, chi_squared,
+focal_factor (of fx and fy), sigma_focal_factor, k1, k2. Reason focal_length: a lens told to be exact fits
+much worse than one with focal_factor.
 
 Status:
   calibrated  a pose
@@ -129,8 +143,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Files::default()
         .reads([&arguments.file])
         .reads(&arguments.truth)
+        .reads(&arguments.space.lenses)
         .writes(&arguments.plot)
         .check()?;
+    if let Some(lenses) = &arguments.space.lenses {
+        return solve_space::run(&solve_space::Task {
+            file: &arguments.file,
+            lenses,
+            options: &arguments.space,
+            target_sigma: arguments.target_sigma,
+            max_sigma: arguments.max_sigma,
+            json: arguments.json,
+            unit: &arguments.unit,
+        });
+    }
     let report;
     let mut is_lens_off = false;
     match read_sightings(arguments)? {
@@ -179,7 +205,7 @@ fn read_sightings(arguments: &Arguments) -> anyhow::Result<Sightings> {
     let assumptions = Assumptions {
         camera: arguments.camera.camera(USUAL_COLUMNS)?,
         bearing_sigma: arguments.bearing_sigma,
-        target_sigma: arguments.target_sigma,
+        target_sigma: arguments.target_sigma.unwrap_or_default(),
     };
     let path = &arguments.file;
     let mut messages = Messages::new(file_name(path));

@@ -18,5 +18,6 @@ mod run;
 mod solve;
 mod solve_network;
 mod solve_reference;
+mod solve_space;
 mod tracking;
 mod video;

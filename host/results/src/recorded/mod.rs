@@ -19,6 +19,7 @@ mod directions;
 pub mod network;
 mod rows;
 pub mod sightings;
+pub mod space;
 pub mod stops;
 pub mod truth;
 
