@@ -15,7 +15,7 @@ pub(super) struct Further {
     most: usize,
     made: usize,
     orders: BTreeMap<u16, Rc<Orders>>,
-    /// What was known before the last stops to which targets were led.
+    /// Knowledge before the last stops to which targets were led.
     before: Option<Vec<Known>>,
     /// So many times in turn, that was in vain.
     in_vain: usize,

@@ -125,6 +125,11 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
             .filter(|index| wishing.contains(index))
             .collect();
         let gain = walk.gain(&own, &now, &after);
+        // Where all measurements do not tell why it is weak, they do not tell what helps it either.
+        let limit = record.limits.sigma_position;
+        let is_unclear =
+            |index: &usize| walk.known.sigma(*index).is_none_or(|sigma| sigma <= limit);
+        let unclear: Vec<usize> = own.iter().copied().filter(is_unclear).collect();
         let others = stop
             .seen_by
             .iter()
@@ -132,6 +137,8 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         if gain.is_some_and(|gain| gain.to < (1.0 - LEAST_GAIN) * gain.from) {
             stop.helps = gain;
             helped.extend(stop.seen_by.iter().copied());
+        } else if !unclear.is_empty() {
+            helped.extend(unclear.iter().map(|&index| walk.cameras[index].id));
         } else if !others {
             continue;
         }
@@ -318,7 +325,7 @@ const MEASURED: [f64; 2] = [0.01, 1.0];
 const WIDER: f64 = 1.5;
 
 impl Walk<'_> {
-    /// What the camera that gains most of these gains from one state of knowledge to another.
+    /// Gain of the camera of these that gains most, from one state of knowledge to another.
     fn gain(&self, wishing: &[usize], before: &Redundancy, after: &Redundancy) -> Option<Gain> {
         let [old, new] = [before, after].map(|walk| walk.levels(wishing));
         let gains = wishing

@@ -312,9 +312,10 @@ impl Verdict {
             instead.extend(other);
         }
         next_stops.extend(to_check);
-        if !next_stops.is_empty() {
-            instead.clear();
-        }
+        // Those that help the least certain camera, where no stop does.
+        let worst = { instead.iter() }.map(|other: &Instead| other.gain().from);
+        let worst = worst.fold(0.0, f64::max);
+        instead.retain(|other| next_stops.is_empty() && other.gain().from >= worst);
         next_stops.sort_by_key(|stop| stop.network);
         if common.iter().any(Common::comes_first) {
             // Stops with wrong lenses make wrong poses sure.
