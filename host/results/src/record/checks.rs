@@ -134,7 +134,7 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
             .seen_by
             .iter()
             .any(|id| weak.iter().all(|camera| camera.id != *id));
-        if gain.is_some_and(|gain| gain.to < (1.0 - LEAST_GAIN) * gain.from) {
+        if gain.is_some_and(|gain| gain.is_enough()) {
             stop.helps = gain;
             helped.extend(stop.seen_by.iter().copied());
         } else if !unclear.is_empty() {
@@ -151,7 +151,12 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         true => Unchecked::default(),
         false => of(record, network, &left),
     };
-    kept.extend(more.stops);
+    // In view of a camera that it is for, or else with a gain that is worth the way.
+    let helps = |stop: &NextStop| {
+        { left.iter() }.any(|camera| stop.seen_by.contains(&camera.id))
+            || stop.helps.is_none_or(|gain| gain.is_enough())
+    };
+    kept.extend(more.stops.into_iter().filter(helps));
     Weak {
         stops: kept,
         instead: more.instead,
@@ -324,6 +329,13 @@ const MEASURED: [f64; 2] = [0.01, 1.0];
 /// A wider lens, times the field of view.
 const WIDER: f64 = 1.5;
 
+impl Gain {
+    /// Returns true if it is worth a stop or a change of the site.
+    fn is_enough(&self) -> bool {
+        self.to < (1.0 - LEAST_GAIN) * self.from
+    }
+}
+
 impl Walk<'_> {
     /// Gain of the camera of these that gains most, from one state of knowledge to another.
     fn gain(&self, wishing: &[usize], before: &Redundancy, after: &Redundancy) -> Option<Gain> {
@@ -362,12 +374,13 @@ impl Walk<'_> {
         let from = self.cameras[worst].estimate?.sigma_position();
         let after = survey.redundancy()?.sigma(then(worst))?;
         let to = from * after / self.known.sigma(worst)?;
-        (to < (1.0 - LEAST_GAIN) * from).then(|| Gain {
+        let gain = Gain {
             camera: self.cameras[worst].id,
             of: Gained::Sigma,
             from,
             to,
-        })
+        };
+        gain.is_enough().then_some(gain)
     }
 
     /// Changes of the site that help the least certain of these cameras, the best one first.

@@ -729,6 +729,12 @@ impl Node {
     /// Fit of its true error to its predicted covariance, for the part of its pose that was not given; `None`
     /// without a pose and a truth.
     pub fn truth_fit(&self) -> Option<Fit<f64>> {
+        if let Some(nees) = self.nees {
+            return Some(Fit {
+                chi_squared: nees,
+                degrees_of_freedom: 3,
+            });
+        }
         let (estimate, error) = (self.estimate?, self.error?);
         fit_where_estimated(&error.vector(), &estimate.matrix())
     }
