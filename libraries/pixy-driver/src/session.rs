@@ -10,7 +10,7 @@
 //! frame yet, is asked again until it has an answer, as long as [`Policy`] says.
 //!
 //! A camera that [streams](Model::streams) is sent nothing: a request for blocks is answered by its next picture, one
-//! that came whole. [`KEPT`] blobs of it are kept at most. It takes no other requests.
+//! that came whole. At most `KEPT` blobs of it are kept. It takes no other requests.
 
 use core::fmt;
 
