@@ -1,5 +1,4 @@
-//! Where does a camera stand, and where does it look? This crate answers from *bearings*: the
-//! directions, in the camera's own frame, in which it saw a target at known places.
+#![doc = include_str!("../README.md")]
 //!
 //! | module | question |
 //! |---|---|
@@ -32,22 +31,6 @@
 //! "for less flash" or "for less stack" says which. Solvers work on slices of numbers ([`Method`] on up to
 //! six unknowns), so that a node has their code once instead of once for each number of unknowns;
 //! large values are filled in place instead of moved.
-//!
-//! # Example
-//! A camera of 88 columns and 60 degrees saw the target at three places.
-//! ```
-//! use calib_core::{camera::Camera, resection, Sighting};
-//! use nalgebra::Point2;
-//!
-//! let camera = Camera::pin_hole(88, 60_f64.to_radians())?;
-//! let sightings = [(6.0, 2.0, 19.0), (7.0, -1.5, 60.0), (3.0, -0.5, 56.0)].map(|(x, y, column)| {
-//!     Sighting::new(Point2::new(x, y), camera.ray(column), camera.whole_pixel_sigma(column))
-//! });
-//!
-//! let solution = resection::solve(&sightings)?;
-//! println!("{}", solution.pose); // x 0.0… +/- …, heading …
-//! # Ok::<(), Box<dyn core::error::Error>>(())
-//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -76,6 +59,7 @@ mod refusal;
 mod sighting;
 mod status;
 
+pub use nalgebra;
 pub use numerics::{
     angle,
     minimize::Method,

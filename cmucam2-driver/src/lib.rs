@@ -1,4 +1,4 @@
-//! Driver for the CMUcam2 colour-tracking camera over any UART.
+#![doc = include_str!("../README.md")]
 //!
 //! Three layers, each useful alone:
 //!
@@ -16,28 +16,6 @@
 //!
 //! One place lists and decides the points that the public sources of the protocol leave open: [`uncertain`].
 //!
-//! # Example
-//! On a board, `uart` and `delay` come from its HAL. The camera adapts to the light for five
-//! seconds, learns the colour of the object in the middle of its view, and tracks it.
-//! ```
-//! # use embedded_io::{Read, ReadReady, Write};
-//! use cmucam2_driver::{Cmucam2, Error, session::{Learn, StartUp}};
-//!
-//! # fn board<U: Read + Write + ReadReady, D: embedded_hal::delay::DelayNs>(
-//! #     uart: U, delay: D, turn_towards: fn(u8),
-//! # ) -> Result<(), Error<U::Error>> {
-//! let mut camera = Cmucam2::new(uart, delay);
-//! camera.start_up(StartUp::default()).wait()?;
-//! camera.learn_and_track(Learn::default()).wait()?;
-//! loop {
-//!     if let Some(tracking) = camera.next_tracking().wait()?
-//!         && let Some((x, _)) = tracking.centroid()
-//!     {
-//!         turn_towards(x);
-//!     }
-//! }
-//! # }
-//! ```
 //! With an async HAL the same calls end in `.run().await?`. Other requests are one [`Command`]:
 //! [`set`](Cmucam2::set) for a mode, [`command`](Cmucam2::command) for one with an answer,
 //! [`stream`](Cmucam2::stream) for one that goes on.

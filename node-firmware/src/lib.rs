@@ -1,9 +1,4 @@
-//! The firmware of a camera network's nodes, over a few hardware traits.
-//!
-//! A network of small cameras finds out by itself where each camera stands and looks. A friendly target walks
-//! through the scene. Two reference cameras fix the frame and tell the target its place. Then the target
-//! tells its place to every camera that sees it, and each camera computes its own pose from three or more
-//! such sightings.
+#![doc = include_str!("../README.md")]
 //!
 //! [`run::run`] is a whole node. A board or a simulation supplies its
 //! [`hardware::Peripherals`] and calls it.
@@ -57,6 +52,8 @@ pub mod role;
 pub mod run;
 pub mod steps;
 pub mod vision;
+
+pub use {calib_core, heapless, nalgebra, zigbee_link};
 
 mod arithmetic;
 mod log;

@@ -1,8 +1,4 @@
-//! A small secured IEEE 802.15.4 network that carries messages.
-//!
-//! A coordinator forms a network, admits devices that hold the site key, and gives them short
-//! addresses; members send each other anything [`serde::Serialize`] in one secured frame, with
-//! acknowledgement, or to all. No heap, no unsafe code, no panic whatever comes over the air.
+#![doc = include_str!("../README.md")]
 //!
 //! | module | |
 //! |---|---|
@@ -46,43 +42,6 @@
 //! return would else copy on the stack; they are marked `stack`. The work of a node on a frame takes some 800
 //! bytes of the stack, all of it in the future of [`runner::run`]: polled in a function that is not inlined, they
 //! are free while others run.
-//!
-//! # Example
-//! Two nodes without radio: what one sends, the other receives.
-//! ```
-//! use zigbee_link::{
-//!     Instant,
-//!     link::{Delivery, Link},
-//!     radio::FRAME_MAX,
-//!     security::{Counter, FrameSecurity, Key, Protection},
-//!     wire::{Eui64, PanId, ShortAddress},
-//! };
-//!
-//! // Of a site: 16 random bytes, provisioned. There is no default.
-//! # let site = core::array::from_fn(|i| 0xA0 ^ i as u8);
-//! let key = Key::new(1, site).ok_or("not a random key")?;
-//! let mut nodes = [0, 1].map(|n| {
-//!     let mut counter = Counter::resume(0);
-//!     counter.reserved(1000); // once the store has written this down
-//!     let session = FrameSecurity::new(Eui64([2, 0, 0, 0, 0, 0, 0, n]), Protection::EncMic64, key, counter);
-//!     let mut link = Link::<16, 4>::new(session, n.into());
-//!     link.attach(PanId(0xBEEF), ShortAddress(n.into()));
-//!     link
-//! });
-//!
-//! let now = Instant(0);
-//! let stop = (3_u8, [6.5_f32, -1.25]);
-//! let ticket = nodes[0].send(now, ShortAddress(1), &stop)?;
-//! let mut frame = [0; FRAME_MAX];
-//! // First they prove to each other that their frames are fresh.
-//! for from in [0, 1, 0, 0, 1] {
-//!     let len = nodes[from].poll_transmit(now, &mut frame).ok_or("nothing to send")?;
-//!     nodes[1 - from].handle(now, &mut frame[..len]);
-//! }
-//! assert_eq!(nodes[1].recv(), Some((ShortAddress(0), stop)));
-//! assert_eq!(nodes[0].result_of(ticket), Some(Delivery::Delivered));
-//! # Ok::<(), Box<dyn core::error::Error>>(())
-//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -111,4 +70,5 @@ mod log;
 mod slots;
 mod time;
 
+pub use heapless;
 pub use time::Instant;

@@ -32,9 +32,12 @@ mod commands;
 #[cfg(feature = "full")]
 mod full;
 
-use core::{fmt, pin::pin};
-
-use embassy_futures::select::{Either, select};
+use core::{
+    fmt,
+    future::{Future, poll_fn},
+    pin::{Pin, pin},
+    task::Poll,
+};
 
 pub use clock::{Clock, SummedDelays};
 #[cfg(feature = "full")]
@@ -237,25 +240,26 @@ where
             }
             let slice = slice(session, clock.now());
             let mut pause = pin!(delay.delay_us(slice));
-            // The pause goes on while bytes come, and is asked first: time passes under chatter, too.
+            // The pause goes on while bytes come.
             let error = loop {
-                match select(pause.as_mut(), uart.read(&mut received.bytes)).await {
-                    Either::Second(Ok(0)) => break Some(Error::Closed),
-                    Either::Second(Ok(bytes)) => {
+                let (read, is_over) = first(uart.read(&mut received.bytes), pause.as_mut()).await;
+                match read {
+                    Some(Ok(0)) => break Some(Error::Closed),
+                    Some(Ok(bytes)) => {
                         received.filled(bytes);
                         if let Some(outcome) = received.feed(session, clock.now(), row) {
                             return outcome.map_err(Error::Camera);
                         }
-                        if !session.pending().is_empty() || session.payload_due() {
-                            break None;
-                        }
                     }
-                    Either::Second(Err(error)) => break Some(Error::Uart(error)),
-                    Either::First(()) => {
-                        clock.passed(slice);
-                        session.tick(clock.now());
-                        break None;
-                    }
+                    Some(Err(error)) => break Some(Error::Uart(error)),
+                    None => {}
+                }
+                if is_over {
+                    clock.passed(slice);
+                    session.tick(clock.now());
+                }
+                if is_over || !session.pending().is_empty() || session.payload_due() {
+                    break None;
                 }
             };
             if let Some(error) = error {
@@ -265,6 +269,28 @@ where
         session.line_error();
         Err(error)
     }
+}
+
+/// The result of a read, if it came, and true if the pause is over. Both are asked each time, the read first: a pause
+/// that takes no time, as that of a mock, hides no byte, and time passes under chatter, too.
+async fn first<T>(
+    read: impl Future<Output = T>,
+    mut pause: Pin<&mut impl Future<Output = ()>>,
+) -> (Option<T>, bool) {
+    let mut read = pin!(read);
+    poll_fn(|context| {
+        let read = match read.as_mut().poll(context) {
+            Poll::Ready(read) => Some(read),
+            Poll::Pending => None,
+        };
+        let is_over = pause.as_mut().poll(context).is_ready();
+        if read.is_some() || is_over {
+            Poll::Ready((read, is_over))
+        } else {
+            Poll::Pending
+        }
+    })
+    .await
 }
 
 async fn send_async<U: embedded_io_async::Write, K: Clock>(

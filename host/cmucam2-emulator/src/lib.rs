@@ -1,4 +1,4 @@
-//! A CMUcam2 that any program can talk to.
+#![doc = include_str!("../README.md")]
 //!
 //! [`Emulator`] is the camera at the level of bytes: what the host sends goes in with its time,
 //! what the camera sends comes out with the time at which its stop bit is over. It has no clock
@@ -9,30 +9,6 @@
 //! It reads commands and writes packets by itself, after the manual and the public programs, and shares no code
 //! with a driver. The camera sees a [`Scene`], of which only those pixels are computed that a command needs. Each
 //! point that public sources leave open is one of [`Switches`], and each fault one of [`FaultRates`].
-//!
-//! # Example
-//! A ball is put somewhere else before each frame, as a simulated network does it.
-//! ```
-//! use cmucam2_emulator::{Configuration, Emulator, Extent, Place, Scene, Shape};
-//!
-//! let ball = Extent::centred(0.5, 0.5, 0.1, 0.1);
-//! let scene = Scene::with_object([220, 110, 40], Shape::Disc, ball);
-//! let mut camera = Emulator::new(Configuration::default(), scene);
-//! let second = 1_000_000_000;
-//! // Once it has started, a host types.
-//! for byte in *b"TC 170 240 60 180 16 100\r" {
-//!     camera.receive(byte, second);
-//! }
-//! let mut heard = Vec::new();
-//! while let Some(now) = camera.next_deadline().filter(|&now| now < 2 * second) {
-//!     if camera.next_frame() == Some(now) {
-//!         let x = 0.5 + 0.2 * (now as f64 * 1e-9).sin();
-//!         camera.scene_mut().objects[0].place = Place::At(Extent::centred(x, 0.5, 0.1, 0.1));
-//!     }
-//!     heard.extend(camera.transmit(now).map(|(_, byte)| byte));
-//! }
-//! assert!(heard.starts_with(b"CMUcam2 v1.00 c6\r:ACK\rT "));
-//! ```
 //!
 //! # Video
 //! [`Background::Picture`] puts what another camera saw in the place of a drawn scene: set it before

@@ -1,4 +1,4 @@
-//! Cameras of the Pixy family that any program can talk to over their UART.
+#![doc = include_str!("../README.md")]
 //!
 //! [`Emulator`] is the camera at the level of bytes, as [`cmucam2_emulator::Emulator`] is a CMUcam2. It has no
 //! clock and no thread: bytes sent to it go in with their times, and its own bytes come out with the times at

@@ -1,7 +1,4 @@
-//! The machinery on which firmware runs in virtual time.
-//!
-//! Thousands of nodes, each an async function over the seams of the hardware, run in one process
-//! on one thread, and the same seed gives the same run.
+#![doc = include_str!("../README.md")]
 //!
 //! | module | job |
 //! |---|---|

@@ -1,7 +1,4 @@
-//! A log of small records in two banks of a NOR flash, safe against the loss of power.
-//!
-//! A record has a key; appending one replaces the record of this key. It
-//! is there whole or not at all, whenever the power fails, and pages are worn evenly.
+#![doc = include_str!("../README.md")]
 //!
 //! Every record takes a slot of `SLOT` bytes: 6 of the log and a value of up to `SLOT - 6`. `SLOT`
 //! is a multiple of the flash's read and write size, at most [`SLOT_MAX`]; 128 gives 122 bytes, and

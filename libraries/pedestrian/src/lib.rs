@@ -1,4 +1,4 @@
-//! Steps of a walking person, from an accelerometer, a gyroscope and a compass worn on the trunk.
+#![doc = include_str!("../README.md")]
 //!
 //! [`Pedestrian`] takes [samples](ImuSample) and gives the [steps](calib_core::dead_reckoning::Step)
 //! that a [`Track`](calib_core::dead_reckoning::Track) adds to a place. It is made of three parts,
@@ -34,7 +34,9 @@ mod settings;
 mod step_detector;
 mod step_length;
 
+pub use calib_core;
 pub use heading_filter::{HeadingFilter, HeadingSettings, magnetic_north};
+pub use nalgebra;
 pub use person::{Pedestrian, PedestrianSettings};
 pub use sample::{ImuError, ImuSample};
 pub use settings::InvalidSetting;

@@ -60,35 +60,6 @@ impl<T: Real> Default for PedestrianSettings<T> {
 /// dead reckoning of a low-cost sensor worn on the trunk (compared, with alternatives, by Jimenez
 /// et al., "A comparison of pedestrian dead-reckoning algorithms using a low-cost MEMS IMU", WISP
 /// 2009). It takes the person to walk forward: steps sideways and backwards count as forward.
-///
-/// # Example
-/// ```
-/// use pedestrian::{ImuSample, Pedestrian, PedestrianSettings};
-/// use core::time::Duration;
-/// use nalgebra::Vector3;
-///
-/// let mut walker = Pedestrian::new(PedestrianSettings::<f32>::default())?;
-/// let (mut steps, mut length) = (0, 0.0);
-/// for i in 0..550 {
-///     // Two seconds of standing, three of walking to magnetic north, half of standing.
-///     let time = i as f32 / 100.0;
-///     let walks = (2.0..5.0).contains(&time);
-///     let bounce = if walks { 3.0 * (11.3 * (time - 2.0)).sin() } else { 0.0 };
-///     let sample = ImuSample {
-///         acceleration: Vector3::new(0.0, 0.0, 9.81 + bounce),
-///         angular_rate: Vector3::zeros(),
-///         magnetic_field: Some(Vector3::new(20.0, 0.0, -43.0)),
-///     };
-///     if let Some(step) = walker.update(Duration::from_millis(10 * i), &sample)? {
-///         steps += 1;
-///         length += step.distance;
-///         assert!((step.heading.to_degrees() - 90.0).abs() < 0.1);
-///     }
-/// }
-/// assert_eq!(steps, 5);
-/// assert!((3.0..4.0).contains(&length));
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pedestrian<T: Real> {
     settings: PedestrianSettings<T>,

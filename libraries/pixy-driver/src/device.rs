@@ -4,9 +4,12 @@
 //! may be dropped while it waits without losing bytes, as buffered UARTs do. Blocking: `ReadReady`,
 //! because `Read` alone waits for ever.
 
-use core::{fmt, pin::pin};
-
-use embassy_futures::select::{Either, select};
+use core::{
+    fmt,
+    future::{Future, poll_fn},
+    pin::{Pin, pin},
+    task::Poll,
+};
 
 use crate::{
     block::Block,
@@ -86,6 +89,28 @@ impl<U, D> Pixy<U, D> {
         let left = left.saturating_sub(self.now);
         u32::try_from(left).unwrap_or(most).min(most).max(1)
     }
+}
+
+/// The result of a read, if it came, and true if the pause is over. Both are asked each time, the read first: a pause
+/// that takes no time, as that of a mock, hides no byte, and time passes under chatter, too.
+async fn first<T>(
+    read: impl Future<Output = T>,
+    mut pause: Pin<&mut impl Future<Output = ()>>,
+) -> (Option<T>, bool) {
+    let mut read = pin!(read);
+    poll_fn(|context| {
+        let read = match read.as_mut().poll(context) {
+            Poll::Ready(read) => Some(read),
+            Poll::Pending => None,
+        };
+        let is_over = pause.as_mut().poll(context).is_ready();
+        if read.is_some() || is_over {
+            Poll::Ready((read, is_over))
+        } else {
+            Poll::Pending
+        }
+    })
+    .await
 }
 
 /// Gives bytes to the session; bytes after an answer are dropped, those of a stream are not.
@@ -187,13 +212,13 @@ where
                 now,
             } = self;
             let mut pause = pin!(delay.delay_us(slice));
-            // The pause goes on while bytes come, and is asked first: time passes under chatter, too.
+            // The pause goes on while bytes come.
             let outcome = loop {
                 let mut chunk = [0; CHUNK];
-                match select(pause.as_mut(), uart.read(&mut chunk)).await {
-                    Either::First(()) => break passed(session, now, slice),
-                    Either::Second(Ok(0)) => return Err(Error::Closed),
-                    Either::Second(Ok(count)) => {
+                let (read, mut is_over) = first(uart.read(&mut chunk), pause.as_mut()).await;
+                match read {
+                    Some(Ok(0)) => return Err(Error::Closed),
+                    Some(Ok(count)) => {
                         let bytes = chunk.get(..count).unwrap_or_default();
                         let outcome = feed(session, *now, bytes);
                         if outcome.is_some() || !session.pending().is_empty() {
@@ -201,12 +226,18 @@ where
                         }
                     }
                     // Streams overrun a UART that is not read all the time.
-                    Either::Second(Err(_)) if session.model().streams() => {
+                    Some(Err(_)) if session.model().streams() => {
                         session.damaged();
-                        pause.await;
-                        break passed(session, now, slice);
+                        if !is_over {
+                            pause.as_mut().await;
+                            is_over = true;
+                        }
                     }
-                    Either::Second(Err(error)) => return Err(Error::Uart(error)),
+                    Some(Err(error)) => return Err(Error::Uart(error)),
+                    None => {}
+                }
+                if is_over {
+                    break passed(session, now, slice);
                 }
             };
             if let Some(outcome) = outcome {

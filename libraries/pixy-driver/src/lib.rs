@@ -1,5 +1,4 @@
-//! A driver for cameras of the Pixy family over their UART: they find blobs of colours which they were taught, or
-//! tags. The Pixy2 answers requests; the original Pixy (`CMUcam5`), and an OpenMV Cam that emulates it, stream.
+#![doc = include_str!("../README.md")]
 //!
 //! | module | job |
 //! |---|---|
@@ -25,24 +24,6 @@
 //! (`charmedlabs/pixy2`): types of packets, layouts, errors, and that all it sends over its UART has a
 //! checksum.
 //!
-//! # Example
-//! On a board, `uart` and `delay` come from its HAL.
-//! ```
-//! use pixy_driver::{Error, Model, Pixy, packet::Signatures};
-//!
-//! # async fn board<U, D>(uart: U, delay: D, turn_towards: fn(u16)) -> Result<(), Error<U::Error>>
-//! # where U: embedded_io_async::Read + embedded_io_async::Write,
-//! #     D: embedded_hal_async::delay::DelayNs {
-//! let mut camera = Pixy::new(Model::Pixy2, uart, delay);
-//! camera.version().await?;
-//! loop {
-//!     // The largest first.
-//!     if let Some(block) = camera.blocks(Signatures::one(1), 1).await?.next() {
-//!         turn_towards(block.x);
-//!     }
-//! }
-//! # }
-//! ```
 //! With a blocking HAL the same calls have `_wait` at the end of their names.
 //!
 //! # Features
@@ -69,4 +50,5 @@ pub mod stream;
 
 pub use block::Block;
 pub use device::{Error, Pixy};
+pub use heapless;
 pub use model::Model;

@@ -1,5 +1,4 @@
-//! A radio at the other end of a UART: any co-processor that speaks Spinel, OpenThread's `ot-rcp`
-//! above all. No heap, no unsafe code, no panic whatever comes over the line.
+#![doc = include_str!("../README.md")]
 //!
 //! | module | what it knows |
 //! |---|---|
@@ -21,26 +20,6 @@
 //!   control.
 //!
 //! A radio that only listens sets no timer.
-//!
-//! # Example
-//! ```
-//! use spinel_radio::{RcpError, SpinelRadio};
-//! use zigbee_link::radio::{RadioConfig, PSDU_MAX, Radio};
-//! # use embedded_io_async::{Read, Write};
-//! # use zigbee_link::runner::Clock;
-//!
-//! # async fn listen<U: Read + Write, C: Clock>(
-//! #     uart: U, clock: C, config: RadioConfig, mut show: impl FnMut(&[u8]),
-//! # ) -> Result<(), RcpError<U::Error>> {
-//! let mut radio: SpinelRadio<_, _> = SpinelRadio::new(uart, clock);
-//! radio.configure(&config).await?;
-//! let mut buffer = [0; PSDU_MAX];
-//! loop {
-//!     let received = radio.receive(&mut buffer).await?;
-//!     show(&buffer[..received.len]);
-//! }
-//! # }
-//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -73,8 +52,10 @@ use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 
 pub use fault::RcpFault;
+pub use heapless;
 pub use identity::Identity;
 pub use policy::RcpPolicy;
+pub use zigbee_link;
 
 use session::{RcpOutcome, RcpRequest, RcpSession};
 use zigbee_link::{
