@@ -13,7 +13,10 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use xshell::{Cmd, Shell, cmd};
 
-use crate::{built, chip, peers};
+use crate::{
+    built, chip, peers,
+    publish::{self, Library},
+};
 
 /// Members of the workspace that have no test of their own.
 const WITHOUT_TESTS: [&str; 4] = [
@@ -35,6 +38,9 @@ const BUILT_WITH: [(&str, &str); 4] = [
     ("CARGO_INCREMENTAL", "0"),
     ("CARGO_PROFILE_DEV_CODEGEN_UNITS", "2"),
 ];
+
+/// Example programs of libraries that are measurements: stages of their own run them.
+const MEASUREMENTS: [&str; 1] = ["soak"];
 
 /// Threads of a test program for each processor: many tests wait for another process.
 const THREADS: usize = 3;
@@ -113,7 +119,8 @@ struct Tests {
 /// One fails, a member has none, one is ignored that no other stage runs, or fewer ran than there are.
 pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     let members = members(sh)?;
-    let mut programs = programs(sh, &members, &[])?;
+    let messages = build(sh, &[])?;
+    let mut programs = programs(sh, &members, &messages)?;
     // The longest first, so that none runs alone at the end.
     programs.sort_by_key(|program| Reverse(program.tests.all));
     let threads = THREADS * thread::available_parallelism()?.get();
@@ -138,6 +145,14 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         );
         all_ran(&program.tests, Counts::of(&said))
     })?;
+    let shown = examples(&publish::libraries(sh)?, &messages)?;
+    side_by_side(&shown, |path| {
+        let output = Command::new(path).output()?;
+        let errors = String::from_utf8_lossy(&output.stderr);
+        let name = path.display();
+        ensure!(output.status.success(), "{errors}the example {name} failed");
+        Ok(())
+    })?;
     let examples = cmd!(sh, "cargo test --locked --workspace --all-features --doc");
     let (examples, _) = run(examples.envs(BUILT_WITH))?;
     ensure!(examples.passed > 0, "no example of the documentation ran");
@@ -146,8 +161,9 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         .map(|tests| tests.all - tests.ignored.len())
         .sum();
     eprintln!(
-        "{ran} tests of {} programs and {} examples of the documentation passed",
+        "{ran} tests of {} programs, {} example programs and {} examples of the documentation passed",
         tests.len(),
+        shown.len(),
         examples.passed
     );
     Ok(())
@@ -159,7 +175,8 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
 /// # Errors
 /// One fails, or a suite has none.
 pub(crate) fn ignored(sh: &Shell, suites: &[Suite]) -> Result<String> {
-    let programs = programs(sh, &members(sh)?, &["--test", INTEGRATION])?;
+    let messages = build(sh, &["--test", INTEGRATION])?;
+    let programs = programs(sh, &members(sh)?, &messages)?;
     let mut all_said = String::new();
     for suite in suites {
         let Suite { package, module } = suite;
@@ -315,15 +332,41 @@ fn members(sh: &Shell) -> Result<Vec<(String, String)>> {
     Ok(members)
 }
 
-/// Builds test programs, all or those that the options choose, and asks each for its tests. Always with the same
-/// features, so that their common parts are built once.
-fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Result<Vec<Program>> {
-    let messages = cmd!(
+/// Builds test programs and examples, all or those that the options choose, and returns cargo's messages. Always with
+/// the same features, so that their common parts are built once.
+fn build(sh: &Shell, options: &[&str]) -> Result<String> {
+    let build = cmd!(
         sh,
         "cargo test --locked --workspace --all-features --no-run --message-format json-render-diagnostics {options...}"
-    )
-    .envs(BUILT_WITH)
-    .read()?;
+    );
+    Ok(build.envs(BUILT_WITH).read()?)
+}
+
+/// The example programs of libraries that cargo has built, but for measurements.
+///
+/// # Errors
+/// There is none, or a message cannot be read.
+fn examples(libraries: &[Library], messages: &str) -> Result<Vec<PathBuf>> {
+    let mut examples = Vec::new();
+    for message in messages.lines() {
+        let message: Value = serde_json::from_str(message)?;
+        let (target, id) = (&message["target"], message["package_id"].as_str());
+        let Some(path) = message["executable"].as_str() else {
+            continue;
+        };
+        let is_of = |library: &Library| id.is_some_and(|id| library.has(id));
+        let is_measurement = MEASUREMENTS.iter().any(|name| target["name"] == *name);
+        let is_example = target["kind"][0] == "example" && !is_measurement;
+        if is_example && libraries.iter().any(is_of) {
+            examples.push(path.into());
+        }
+    }
+    ensure!(!examples.is_empty(), "no library has an example program");
+    Ok(examples)
+}
+
+/// Asks test programs that cargo has built for their tests.
+fn programs(sh: &Shell, members: &[(String, String)], messages: &str) -> Result<Vec<Program>> {
     let mut programs = Vec::new();
     for message in messages.lines() {
         let message: Value = serde_json::from_str(message)?;

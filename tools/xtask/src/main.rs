@@ -21,6 +21,7 @@ mod firmware;
 mod fuzz;
 mod harness;
 mod peers;
+mod publish;
 mod qemu;
 mod scale;
 mod setup;

@@ -136,6 +136,19 @@ pub(crate) fn linker(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
+/// The program that finds public items that have gone since another version.
+pub(crate) fn semver_checks(sh: &Shell) -> Result<()> {
+    if is_on_path("cargo-semver-checks") {
+        return Ok(());
+    }
+    let package = "cargo-semver-checks@0.50";
+    cmd!(sh, "cargo install --locked {package}")
+        .run()
+        .with_context(|| {
+            format!("type `cargo install --locked {package}` where there is a network")
+        })
+}
+
 /// Installs programs of other projects that are missing.
 pub(crate) fn packages(sh: &Shell) -> Result<()> {
     install(sh, &PROGRAMS)

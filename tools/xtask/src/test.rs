@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
 use crate::{
-    chip, cortex_m, firmware, fuzz, harness, peers, scale, setup, size,
+    chip, cortex_m, firmware, fuzz, harness, peers, publish, scale, setup, size,
     usage::{self, Meter, Usage},
     words,
 };
@@ -36,7 +36,7 @@ const LONG: &str = "XTASK_ALL";
 const UNITS: usize = 1_501;
 
 /// Libraries that run on a node.
-const FIRMWARE_CRATES: [&str; 8] = [
+pub(crate) const FIRMWARE_CRATES: [&str; 8] = [
     "calib-core",
     "cmucam2-driver",
     "flash-log",
@@ -84,7 +84,7 @@ impl Stage {
     }
 }
 
-const STAGES: [Stage; 18] = [
+const STAGES: [Stage; 19] = [
     stage(
         "set-up",
         "tools that the others need, and a lock file that fits",
@@ -152,6 +152,12 @@ const STAGES: [Stage; 18] = [
         "document-all",
         "documentation of all crates without a warning",
         document_all,
+    )
+    .nightly(),
+    stage(
+        "publish",
+        "libraries as packages, each of their features alone, and changes since the last version",
+        publish::run,
     )
     .nightly(),
     stage("browsers", "the page in Firefox", peers::firefox)
