@@ -69,6 +69,8 @@ fn published(metadata: &Value) -> impl Iterator<Item = &Value> {
 /// A package is refused or does not build, a feature does not compile alone, or a public item has gone though the
 /// version has not changed enough.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
+    let complaints: Vec<_> = published(&metadata(sh)?).flat_map(complaints).collect();
+    ensure!(complaints.is_empty(), "{}", complaints.join("\n"));
     dry_run(sh)?;
     for Library { name, features, .. } in libraries(sh)? {
         for feature in features {
