@@ -53,12 +53,14 @@ pub mod resection;
 pub mod space;
 pub mod tracking;
 
+mod error;
 mod numerics;
 mod pose;
 mod refusal;
 mod sighting;
 mod status;
 
+pub use error::Error;
 pub use nalgebra;
 pub use numerics::{
     angle,

@@ -32,8 +32,11 @@ pub enum PacketKind {
 }
 
 /// A packet of any of the three letters.
+///
+/// Not exhaustive, because a feature adds one: a crate that does without it goes on to compile beside one that does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Packet {
     /// `T`: the place of the target.
     Tracking(Tracking),

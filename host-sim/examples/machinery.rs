@@ -7,7 +7,7 @@ use cmucam2_driver::{colour::ColourBounds, device::Cmucam2, session::StartUp};
 use cmucam2_emulator::{Configuration, Emulator, Extent, Scene, Shape};
 use cmucam2_pair::measure::track_for;
 use embassy_futures::select::select;
-use host_sim::network::CameraDevice;
+use node_test::CameraDevice;
 use virtual_hardware::{
     executor::{Effort, Executor, Time},
     line::{Line, Side, Uart},

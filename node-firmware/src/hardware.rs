@@ -5,6 +5,7 @@
 //! anyway.
 
 use core::{
+    convert::Infallible,
     fmt::Debug,
     future::{Future, pending},
     ops::Range,
@@ -29,7 +30,7 @@ pub trait Hardware {
     type Clock: Clock;
     /// The flash for facts that the node must not forget.
     type Flash: NorFlash;
-    /// A target's step sensor.
+    /// A target's step sensor; `()` for none.
     type Steps: StepSensor;
     /// Lamps; `()` for none.
     type Indicator: Indicator;
@@ -90,6 +91,15 @@ impl<S: StepSensor> StepSensor for &mut S {
 
     fn next(&mut self) -> impl Future<Output = Result<Step<f32>, Self::Error>> {
         S::next(self)
+    }
+}
+
+/// No step sensor: coordinators and cameras do not walk.
+impl StepSensor for () {
+    type Error = Infallible;
+
+    async fn next(&mut self) -> Result<Step<f32>, Infallible> {
+        pending().await
     }
 }
 

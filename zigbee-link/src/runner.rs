@@ -9,6 +9,7 @@ use core::{cell::Cell, fmt, future::Future};
 
 use embassy_futures::select::{Either3, select3};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
+use embedded_hal_async::delay::DelayNs;
 use embedded_storage_async::nor_flash::NorFlash;
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -38,6 +39,20 @@ impl<C: Clock> Clock for &C {
 
     fn sleep_until(&self, time: Instant) -> impl Future<Output = ()> {
         C::sleep_until(self, time)
+    }
+}
+
+/// The delay of drivers, from the clock of the node: a board tells the time once.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Delay<C>(pub C);
+
+impl<C: Clock> DelayNs for Delay<C> {
+    async fn delay_ns(&mut self, ns: u32) {
+        let Instant(now) = self.0.now();
+        let micros = u64::from(ns).div_ceil(1000);
+        self.0
+            .sleep_until(Instant(now.saturating_add(micros)))
+            .await;
     }
 }
 

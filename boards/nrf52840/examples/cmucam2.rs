@@ -17,7 +17,6 @@ fn main() {
 mod chip {
     use cmucam2_driver::{
         Cmucam2, Command, Error,
-        device::Clock,
         session::{Fault, Learn, Policy, StartUp},
     };
     use defmt_rtt as _;
@@ -38,15 +37,11 @@ mod chip {
     /// The middle of 88 columns.
     const MIDDLE: u8 = 44;
 
-    type Camera = Cmucam2<BufferedUarte<'static>, Delay, Uptime>;
+    type Camera = Cmucam2<BufferedUarte<'static>, Delay, fn() -> u64>;
 
     /// With a clock, packets are stamped and the time between two calls counts.
-    struct Uptime;
-
-    impl Clock for Uptime {
-        fn now(&self) -> u64 {
-            Instant::now().as_micros()
-        }
+    fn uptime() -> u64 {
+        Instant::now().as_micros()
     }
 
     struct Lamps {
@@ -75,7 +70,7 @@ mod chip {
             RECEIVE.init([0; 256]),
             SEND.init([0; 64]),
         );
-        let mut camera = Cmucam2::with_clock(uart, Delay, Uptime, Policy::default());
+        let mut camera = Camera::with_clock(uart, Delay, uptime, Policy::default());
         // The kit's lamps are between their pin and the supply.
         let mut lamps = Lamps {
             left: Output::new(p.P0_13, Level::High, OutputDrive::Standard),

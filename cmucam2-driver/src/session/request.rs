@@ -10,9 +10,10 @@ use crate::{
     parser::ImageHeader,
 };
 
-/// Request to the camera.
+/// Request to the camera. Not exhaustive, because a feature adds one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Request {
     /// Exchange one command. For a command that answers with packets, one is taken and the camera is stopped
     /// if it goes on.

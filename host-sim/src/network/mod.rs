@@ -25,7 +25,6 @@
 //! | `many` | Many runs on many threads |
 
 mod attack;
-mod camera;
 mod console;
 mod decryption;
 mod device;
@@ -60,7 +59,6 @@ use node_firmware::{
 };
 
 pub use self::{
-    camera::{CameraDevice, PixyDevice},
     console::Terminal,
     emulated::{
         EmulatorError,

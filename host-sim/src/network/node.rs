@@ -28,13 +28,14 @@ use results::record::verdict::health_words;
 use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
-    CameraDevice, PixyDevice, SharedWorld, Simulation, Trouble,
+    SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
     emulated::{Surroundings, chips},
     journal::{Moment, SharedJournal, Witness},
 };
 use crate::video::Video;
 use cmucam2_emulator::{Background, Configuration, Emulator, FaultRates, Rgb, Scene};
+use node_test::{CameraDevice, PixyDevice};
 use site::world::{Mood, View};
 use site::{CameraNode, Network, TargetNode};
 use virtual_hardware::{
@@ -347,7 +348,7 @@ impl Node {
                     ..pixy_emulator::Configuration::default()
                 };
                 let emulator = pixy_emulator::Emulator::new(configuration, empty);
-                let device = PixyDevice::new(emulator, scene, faults);
+                let device = PixyDevice::new(emulator, scene).with_faults(faults);
                 Line::to_device(&clock, uart, device)
             }
         };

@@ -14,7 +14,7 @@ use virtual_hardware::{
     line::{Line, Side, Uart},
 };
 
-use host_sim::network::CameraDevice;
+use node_test::CameraDevice;
 
 const MILLISECOND: Time = 1_000_000;
 const SECOND: Time = 1_000_000_000;

@@ -7,6 +7,7 @@
 //! | [`mod@line`] | UARTs with the time that bytes take, to an emulated camera or to a program. |
 //! | [`polled`] | Sockets and devices as UARTs, in real time. |
 //! | [`flash`] | NOR flash that outlasts its node and may be torn by a power cut. |
+//! | [`worn`] | The same, whose operations fail or are lost. |
 //! | [`random`] | Chance: one root seed, named streams. |
 //!
 //! A test makes an [`Executor`](executor::Executor), gives its clock to all else, spawns firmware, and runs it
@@ -75,3 +76,4 @@ pub mod line;
 pub mod medium;
 pub mod polled;
 pub mod random;
+pub mod worn;

@@ -5,10 +5,12 @@ use core::{convert::Infallible, pin::pin};
 use calib_core::camera::Camera;
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{Instant, runner::Clock};
+use zigbee_link::{
+    Instant,
+    runner::{Clock, Delay},
+};
 
 use super::{
-    ClockDelay,
     drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
     outlined::Outlined,
 };
@@ -51,7 +53,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     let role = new_role(&mut role, id, config);
     let driver = AnyDriver::Camera(RoleDriver::new(role, &channels));
     let driven = drive(driver, services);
-    let camera = EitherCamera::new(config, uart, ClockDelay(clock));
+    let camera = EitherCamera::new(config, uart, Delay(clock));
     let mut device = CameraDevice {
         camera,
         config,

@@ -26,11 +26,9 @@ mod zigbee;
 use core::{convert::Infallible, fmt, pin::pin};
 
 use embassy_futures::select::{Either, select};
-use embedded_hal_async::delay::DelayNs;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
 use flash_log::LogError;
 use zigbee_link::{
-    Instant,
     network::{NetworkSettings, Node},
     radio::Radio,
     runner::{self, Clock, RunnerError, Shared},
@@ -412,17 +410,4 @@ async fn try_store<F: NorFlash>(
     let reserved = Record::CounterLimit(saved.counter_limit);
     store.save(reserved).await?;
     Ok((saved, own.unwrap_or(drawn)))
-}
-
-/// Waiting, for drivers that wait.
-struct ClockDelay<'a, C>(&'a C);
-
-impl<C: Clock> DelayNs for ClockDelay<'_, C> {
-    async fn delay_ns(&mut self, ns: u32) {
-        let Instant(now) = self.0.now();
-        let micros = u64::from(ns).div_ceil(1000);
-        self.0
-            .sleep_until(Instant(now.saturating_add(micros)))
-            .await;
-    }
 }

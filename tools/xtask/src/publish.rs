@@ -1,6 +1,9 @@
 //! Libraries that others build on: what a package must have, and whether it can be published and used.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
@@ -17,6 +20,7 @@ const BUILT: &str = "target/publish";
 /// A member of the workspace that is published.
 pub(crate) struct Library {
     name: String,
+    version: String,
     id: String,
     features: Vec<String>,
 }
@@ -35,6 +39,7 @@ pub(crate) fn libraries(sh: &Shell) -> Result<Vec<Library>> {
             let features = package["features"].as_object()?;
             Some(Library {
                 name: package["name"].as_str()?.to_owned(),
+                version: package["version"].as_str()?.to_owned(),
                 id: package["id"].as_str()?.to_owned(),
                 features: features.keys().cloned().collect(),
             })
@@ -84,13 +89,18 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     compare(sh)
 }
 
-fn dry_run(sh: &Shell) -> Result<()> {
-    let root = sh.current_dir();
-    let (clone, built) = (root.join(BUILT).join("clone"), root.join(BUILT));
+/// A clean clone of the present commit.
+fn clone(sh: &Shell) -> Result<PathBuf> {
+    let clone = sh.current_dir().join(BUILT).join("clone");
     sh.remove_path(&clone)?;
-    sh.create_dir(&built)?;
+    sh.create_dir(BUILT)?;
     cmd!(sh, "git clone --quiet . {clone}").run()?;
-    let _there = sh.push_dir(&clone);
+    Ok(clone)
+}
+
+fn dry_run(sh: &Shell) -> Result<()> {
+    let built = sh.current_dir().join(BUILT);
+    let _there = sh.push_dir(clone(sh)?);
     cmd!(
         sh,
         "cargo publish --locked --dry-run --workspace --target-dir {built}"
@@ -117,6 +127,96 @@ fn compare(sh: &Shell) -> Result<()> {
     )
     .run()
     .with_context(|| format!("a public item differs from {tag}: raise the version"))
+}
+
+/// A crate outside of the workspace that uses all libraries.
+const OUTSIDE: &str = "tests/outside";
+
+/// Begins the part of its manifest that names the folders of the libraries.
+const PATHS: &str = "[patch.crates-io]";
+
+/// Processors that it is built for beside [`setup::TARGETS`]: with other instructions, and of another family.
+pub(crate) const OTHER_TARGETS: [&str; 3] = [
+    "thumbv7m-none-eabi",
+    "thumbv8m.main-none-eabihf",
+    "riscv32imac-unknown-none-elf",
+];
+
+/// Builds the crate outside for the processors that every machine has: with the sources of the libraries, and with their
+/// packages.
+///
+/// # Errors
+/// It does not compile, or its program does not link.
+pub(crate) fn outside(sh: &Shell) -> Result<()> {
+    use_for(sh, &setup::TARGETS)
+}
+
+/// The same for [`OTHER_TARGETS`].
+///
+/// # Errors
+/// It does not compile.
+pub(crate) fn outside_others(sh: &Shell) -> Result<()> {
+    use_for(sh, &OTHER_TARGETS)
+}
+
+fn use_for(sh: &Shell, targets: &[&str]) -> Result<()> {
+    let built = sh.current_dir().join("target/outside");
+    for folder in [sh.current_dir().join(OUTSIDE), unpacked(sh)?] {
+        let _there = sh.push_dir(folder);
+        for target in targets {
+            // Libraries alone need no linker.
+            let what: &[&str] = match *target == setup::TARGETS[0] {
+                true => &["build"],
+                false => &["check", "--lib"],
+            };
+            cmd!(
+                sh,
+                "cargo --locked {what...} --target {target} --target-dir {built}"
+            )
+            .run()
+            .with_context(|| format!("the crate outside does not build for {target}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// The crate outside, with the packages of the libraries in the place of their folders.
+fn unpacked(sh: &Shell) -> Result<PathBuf> {
+    let built = sh.current_dir().join(BUILT);
+    let libraries = libraries(sh)?;
+    let chosen: Vec<_> = libraries
+        .iter()
+        .flat_map(|library| ["--package", &library.name])
+        .collect();
+    let _there = sh.push_dir(clone(sh)?);
+    cmd!(
+        sh,
+        "cargo package --locked --no-verify --quiet {chosen...} --target-dir {built}"
+    )
+    .run()?;
+    let packages = built.join("packages");
+    sh.remove_path(&packages)?;
+    sh.create_dir(&packages)?;
+    let manifest = sh.read_file(format!("{OUTSIDE}/Cargo.toml"))?;
+    let (mut manifest, paths) = manifest
+        .split_once(PATHS)
+        .map(|(own, paths)| (format!("{own}{PATHS}\n"), paths))
+        .with_context(|| format!("{OUTSIDE} does not tell the folders of the libraries"))?;
+    for Library { name, version, .. } in &libraries {
+        let (package, folder) = (format!("{name}-{version}"), packages.display());
+        let file = built.join("package").join(format!("{package}.crate"));
+        cmd!(sh, "tar --extract --file {file} --directory {packages}").run()?;
+        if paths.contains(&format!("\n{name} = ")) {
+            manifest += &format!("{name} = {{ path = \"{folder}/{package}\" }}\n");
+        }
+    }
+    let outside = packages.join("outside");
+    sh.create_dir(&outside)?;
+    for part in ["Cargo.lock", "src"] {
+        cmd!(sh, "cp -r {OUTSIDE}/{part} {outside}").run()?;
+    }
+    sh.write_file(outside.join("Cargo.toml"), manifest)?;
+    Ok(outside)
 }
 
 /// Demands of a published package that it does not meet.

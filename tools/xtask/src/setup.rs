@@ -6,6 +6,8 @@ use std::{env, ffi::OsStr, path::Path};
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
 
+use crate::publish::OTHER_TARGETS;
+
 /// Processors that firmware is built for: with a floating-point unit, and without.
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
@@ -77,15 +79,33 @@ pub(crate) fn locked(sh: &Shell) -> Result<()> {
 /// The compiler's targets and components, of the toolchain in use.
 pub(crate) fn targets(sh: &Shell) -> Result<()> {
     let sysroot = cmd!(sh, "rustc --print sysroot").quiet().read()?;
-    let missing = TARGETS
-        .into_iter()
-        .filter(|target| {
-            !Path::new(&sysroot)
-                .join("lib/rustlib")
-                .join(target)
-                .is_dir()
-        })
-        .collect::<Vec<_>>();
+    add_targets(sh, &sysroot, &TARGETS)?;
+    for (component, program) in [("rustfmt", "cargo-fmt"), ("clippy", "cargo-clippy")] {
+        if !Path::new(&sysroot).join("bin").join(program).is_file() {
+            cmd!(sh, "rustup component add {component}")
+                .run()
+                .with_context(|| format!("install `{component}` another way"))?;
+        }
+    }
+    Ok(())
+}
+
+/// Targets that only libraries for others are built for.
+pub(crate) fn other_targets(sh: &Shell) -> Result<()> {
+    let sysroot = cmd!(sh, "rustc --print sysroot").quiet().read()?;
+    add_targets(sh, &sysroot, &OTHER_TARGETS)
+}
+
+fn add_targets(sh: &Shell, sysroot: &str, targets: &[&str]) -> Result<()> {
+    let is_there = |target: &&&str| {
+        let folder = Path::new(sysroot).join("lib/rustlib").join(target);
+        folder.is_dir()
+    };
+    let missing: Vec<_> = targets
+        .iter()
+        .filter(|target| !is_there(target))
+        .copied()
+        .collect();
     if !missing.is_empty() {
         let missing = &missing;
         cmd!(sh, "rustup target add {missing...}")
@@ -97,13 +117,6 @@ pub(crate) fn targets(sh: &Shell) -> Result<()> {
                     missing.join(", ")
                 )
             })?;
-    }
-    for (component, program) in [("rustfmt", "cargo-fmt"), ("clippy", "cargo-clippy")] {
-        if !Path::new(&sysroot).join("bin").join(program).is_file() {
-            cmd!(sh, "rustup component add {component}")
-                .run()
-                .with_context(|| format!("install `{component}` another way"))?;
-        }
     }
     Ok(())
 }

@@ -84,7 +84,7 @@ impl Stage {
     }
 }
 
-const STAGES: [Stage; 19] = [
+const STAGES: [Stage; 21] = [
     stage(
         "set-up",
         "tools that the others need, and a lock file that fits",
@@ -159,6 +159,19 @@ const STAGES: [Stage; 19] = [
         "libraries as packages, each of their features alone, and changes since the last version",
         publish::run,
     )
+    .nightly(),
+    stage(
+        "outside",
+        "a crate of its own that uses all libraries, by path and by package",
+        publish::outside,
+    )
+    .nightly(),
+    stage(
+        "outside-others",
+        "the same for other processors",
+        publish::outside_others,
+    )
+    .needs(setup::other_targets)
     .nightly(),
     stage("browsers", "the page in Firefox", peers::firefox)
         .needs(setup::firefox)

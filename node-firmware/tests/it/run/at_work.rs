@@ -16,9 +16,9 @@ fn they_join_and_look() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    assert!(site.coordinator.lamps.0.get().joined);
-    assert!(site.camera.lamps.0.get().joined);
-    assert!(site.target.lamps.0.get().joined);
+    assert!(site.coordinator.lamps().joined);
+    assert!(site.camera.lamps().joined);
+    assert!(site.target.lamps().joined);
     let members = site
         .pc
         .told()
@@ -34,18 +34,18 @@ fn they_join_and_look() {
 
     // It stood since it was switched on.
     assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
-    assert!(site.target.lamps.0.get().may_walk);
-    assert!(site.target.lamps.0.get().target_seen);
-    assert!(site.camera.lamps.0.get().target_seen);
+    assert!(site.target.lamps().may_walk);
+    assert!(site.target.lamps().target_seen);
+    assert!(site.camera.lamps().target_seen);
 
     // It goes where the camera does not see it.
     site.camera.sees(None);
     site.target.step(1.0, 0.5);
     site.bench.run_for(SECOND);
-    assert!(!site.target.lamps.0.get().may_walk);
+    assert!(!site.target.lamps().may_walk);
     site.bench.run_for(20 * SECOND);
     assert_eq!(site.camera.looks().last(), Some(&Sight::NotInView));
-    assert!(site.target.lamps.0.get().may_walk);
+    assert!(site.target.lamps().may_walk);
     let heard = site.camera.heard();
     assert!(heard.contains(&"ST 170 240 60 140 16 80".to_owned()));
 }
@@ -110,7 +110,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
         assert_eq!(site.pc.told(), [removed]);
         site.pc.forget();
     }
-    assert!(!site.camera.lamps.0.get().joined);
+    assert!(!site.camera.lamps().joined);
     site.pc.wish(FromPc::Refresh);
     site.bench.run_for(SECOND);
     let is_camera = |told: &ToPc| matches!(told, ToPc::Member { address, .. } | ToPc::Report { address, .. } if *address == camera);
@@ -132,14 +132,14 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     site.pc.wish(FromPc::Refresh);
     site.bench.run_for(SECOND);
     assert!(site.pc.told().contains(&change(true)));
-    assert!(site.target.lamps.0.get().joined);
+    assert!(site.target.lamps().joined);
     // The camera, with the former key, is not let in any more; the target is after a restart.
     site.pc.wish(FromPc::JoinWindow(600));
     site.target.lamps.0.take();
     site.target.power(&mut site.bench, 13);
     site.bench.run_for(200 * SECOND);
-    assert!(site.target.lamps.0.get().joined);
-    assert!(!site.camera.lamps.0.get().joined);
+    assert!(site.target.lamps().joined);
+    assert!(!site.camera.lamps().joined);
     // No other network has its identifier; it can take another one, and its members follow.
     site.pc.forget();
     site.pc.wish(FromPc::Refresh);
@@ -162,7 +162,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     }));
     let after = told.iter().find_map(pan);
     assert!(after.is_some() && after != before, "{before:?} {after:?}");
-    assert!(site.target.lamps.0.get().joined);
+    assert!(site.target.lamps().joined);
     // An impossible key is refused.
     site.pc.forget();
     let bad = SiteKey::new(0, [7; 16]);
@@ -197,7 +197,7 @@ fn a_pc_that_takes_nothing_does_not_stop_the_coordinator() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    site.coordinator.stalled.set(true);
+    site.coordinator.is_stalled.set(true);
     for _ in 0..20 {
         site.pc.wish(FromPc::Refresh);
     }
@@ -205,8 +205,8 @@ fn a_pc_that_takes_nothing_does_not_stop_the_coordinator() {
     site.target.lamps.0.take();
     site.target.power(&mut site.bench, 13);
     site.bench.run_for(100 * SECOND);
-    assert!(site.target.lamps.0.get().target_seen);
-    site.coordinator.stalled.set(false);
+    assert!(site.target.lamps().target_seen);
+    site.coordinator.is_stalled.set(false);
     site.bench.run_for(40 * SECOND);
     site.pc.forget();
     site.pc.wish(FromPc::Refresh);
@@ -234,12 +234,12 @@ fn they_come_back_after_a_restart() {
         }
         site.bench.run_for(30 * SECOND);
     }
-    site.camera.log.0.borrow_mut().clear();
+    site.camera.sent.0.borrow_mut().clear();
     site.camera.sees(Some(41));
     site.target.step(1.0, 0.5);
     site.bench.run_for(30 * SECOND);
     assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
-    assert!(site.target.lamps.0.get().may_walk);
+    assert!(site.target.lamps().may_walk);
 }
 
 /// The target is the part of the view that differs from the background. A camera that lost its background,
@@ -295,7 +295,7 @@ fn a_camera_adapts_to_another_daylight() {
     let stop = |site: &mut Site| {
         site.target.step(1.0, 0.5);
         site.bench.run_for(30 * SECOND);
-        assert!(site.target.lamps.0.get().may_walk);
+        assert!(site.target.lamps().may_walk);
         site.camera.looks().last().copied()
     };
     let stops = (0..20).position(|_| stop(&mut site) == Some(Sight::InView));

@@ -90,13 +90,11 @@ impl Site {
             self.walk();
         }
         assert!(self.are_calibrated(), "{:?}", self.addresses());
-        assert!(self.target.lamps.0.get().calibrated);
+        assert!(self.target.lamps().calibrated);
     }
 
     fn are_calibrated(&self) -> bool {
-        self.cameras
-            .iter()
-            .all(|camera| camera.lamps.0.get().calibrated)
+        self.cameras.iter().all(|camera| camera.lamps().calibrated)
     }
 
     fn addresses(&self) -> [u16; 3] {

@@ -160,7 +160,7 @@ fn members_of_a_former_network_stay_out() {
             assert_eq!(members, [], "{what}");
             // No node may join by now.
             assert_eq!(site.hellos().len(), 0, "{what}");
-            assert!(!site.camera.lamps.0.get().joined, "{what}");
+            assert!(!site.camera.lamps().joined, "{what}");
         }
     }
 }

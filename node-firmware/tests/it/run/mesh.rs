@@ -297,7 +297,7 @@ fn nodes_work_over_many_hops_that_lose_messages() {
             members.values().copied().eq(expected),
             "{seed}: {members:?}"
         );
-        let lamps = site.target.lamps.0.get();
+        let lamps = site.target.lamps();
         assert!(
             lamps.joined && lamps.may_walk && lamps.target_seen,
             "{seed}"

@@ -123,7 +123,7 @@ fn boards_change_their_roles() {
         assert!(lamps.0.get().joined);
     }
     assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
-    assert!(site.coordinator.lamps.0.get().may_walk);
+    assert!(site.coordinator.lamps().may_walk);
     // And back.
     site.coordinator.config.role = RoleConfig::Coordinator(coordinator);
     site.target.config.role = RoleConfig::Target(target_config(0));
@@ -134,7 +134,7 @@ fn boards_change_their_roles() {
         site.hellos().get(&101),
         Some(MemberKind::Camera { .. })
     ));
-    assert!(site.target.lamps.0.get().may_walk);
+    assert!(site.target.lamps().may_walk);
 }
 
 /// A camera's colour is learnt, and its power fails.

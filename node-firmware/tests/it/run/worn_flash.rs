@@ -69,7 +69,7 @@ fn a_camera_with_a_worn_flash_works_and_says_so() {
                     "{what}"
                 );
                 assert!(is_told(&site, Some(101)), "{what}");
-                site.camera.log.0.borrow_mut().clear();
+                site.camera.sent.0.borrow_mut().clear();
                 site.camera.power(&mut site.bench, random(round, start));
             }
         }
@@ -90,7 +90,7 @@ fn a_coordinator_with_a_worn_flash_works_and_says_so() {
             site.bench.run_for(300 * SECOND);
             assert_eq!(site.coordinator.liveness.borrow().memory(), Memory::Ram);
             assert!(is_told(&site, None), "{fault:?}: {:?}", site.pc.told());
-            assert!(site.coordinator.lamps.0.get().joined);
+            assert!(site.coordinator.lamps().joined);
         }
     }
 }

@@ -30,7 +30,7 @@ impl CameraDevice {
 
     /// Adds faults that may change: from the next frame or byte on the camera has those of the cell.
     #[must_use]
-    pub(super) fn with_faults(self, faults: Rc<Cell<FaultRates>>) -> Self {
+    pub fn with_faults(self, faults: Rc<Cell<FaultRates>>) -> Self {
         Self {
             faults: Some((faults.get(), faults)),
             ..self
@@ -83,33 +83,41 @@ impl Device for CameraDevice {
 
 /// An emulated camera of the Pixy family at the far end of a line.
 pub struct PixyDevice {
-    emulator: pixy_emulator::Emulator,
+    /// The camera.
+    pub emulator: pixy_emulator::Emulator,
     scene: Stage,
-    faults: Rc<Cell<FaultRates>>,
+    faults: Option<Rc<Cell<FaultRates>>>,
 }
 
 impl PixyDevice {
     /// `scene` is called with the time before each byte that may ask for a frame, or before each picture of a camera
-    /// that streams. Of the faults it has `corrupt_line`, of each request, answer and picture.
+    /// that streams.
     pub fn new(
         emulator: pixy_emulator::Emulator,
         scene: impl FnMut(Time, &mut Scene) + 'static,
-        faults: Rc<Cell<FaultRates>>,
     ) -> Self {
         Self {
             emulator,
             scene: Box::new(scene),
-            faults,
+            faults: None,
         }
     }
-}
 
-impl PixyDevice {
+    /// Adds faults that may change: of them it has `corrupt_line`, of each request, answer and picture.
+    #[must_use]
+    pub fn with_faults(self, faults: Rc<Cell<FaultRates>>) -> Self {
+        Self {
+            faults: Some(faults),
+            ..self
+        }
+    }
+
     /// Puts before it what is there at a time, and sets its faults.
     fn look(&mut self, now: Time) {
         (self.scene)(now, self.emulator.scene_mut());
-        let rate = self.faults.get().corrupt_line;
-        self.emulator.set_corrupt_line(rate);
+        if let Some(faults) = &self.faults {
+            self.emulator.set_corrupt_line(faults.get().corrupt_line);
+        }
     }
 }
 
