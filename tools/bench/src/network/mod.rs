@@ -42,11 +42,14 @@ enum Carrier {
     Unknown,
     /// The same, with a ball that was measured, to 1 %.
     UnknownWithBall,
+    /// A person as people are: of whom nothing is known, and whose legs also err at random, by 1 % and 0.5 degrees,
+    /// as the step sensor says.
+    Person,
 }
 
 impl Carrier {
     fn is_unknown(self) -> bool {
-        matches!(self, Self::Unknown | Self::UnknownWithBall)
+        matches!(self, Self::Unknown | Self::UnknownWithBall | Self::Person)
     }
 }
 
@@ -163,6 +166,17 @@ fn cases() -> Vec<Case> {
             ..Case::default()
         },
         Case {
+            name: "a person as people are, 3 stops",
+            carrier: Carrier::Person,
+            ..Case::default()
+        },
+        Case {
+            name: "a person as people are, 10 stops",
+            carrier: Carrier::Person,
+            changes: stops(10),
+            ..Case::default()
+        },
+        Case {
             name: "unknown carrier whose ball is measured, 3 stops",
             carrier: Carrier::UnknownWithBall,
             rms: [0.27, 0.29, 0.96].map(Goal::AtMost),
@@ -261,11 +275,15 @@ fn scenario(case: &Case, path: u64, seed: u64) -> anyhow::Result<Scenario> {
         // Three paths of one seed are three carriers.
         let mut random = generator(seed << 8 | path);
         scenario.firmware = FirmwareTable::default();
+        let each_leg = match case.carrier {
+            Carrier::Person => SensorTable::DRIFT,
+            _ => SensorTable::default(),
+        };
         scenario.sensor = Some(SensorTable {
             measures: true,
             scale_bias: UNKNOWN_SCALE * normal(&mut random),
             heading_bias_deg: UNKNOWN_HEADING_DEG * normal(&mut random),
-            ..SensorTable::default()
+            ..each_leg
         });
         if case.carrier == Carrier::UnknownWithBall {
             let radius = scenario.networks[0].targets[0].radius;
