@@ -467,7 +467,7 @@ pub(crate) fn open(
 
 fn is_terminal(path: &str) -> bool {
     let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    rustix::fs::open(path, flags, Mode::empty()).is_ok_and(|device| isatty(device))
+    rustix::fs::open(path, flags, Mode::empty()).is_ok_and(isatty)
 }
 
 fn open_error(path: String, error: &serialport::Error) -> OpenError {

@@ -422,7 +422,7 @@ fn a_line_that_ends_too_early() {
         (&["--until-calibrated"], 1, until),
         (&[], 1, ""),
     ] {
-        let (port, name) = Site::start_until([CameraState::Calibrating, pose()], true);
+        let (port, name) = Site::start_until([CameraState::Waiting, pose()], true);
         let done = console(&name, arguments);
         drop(port);
         assert_eq!(done.code, code, "{}{}", done.stdout, done.stderr);
