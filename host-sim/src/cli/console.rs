@@ -44,7 +44,7 @@ use super::{
 #[derive(Args)]
 #[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
-    /// The serial port of the coordinator, such as /dev/ttyACM0. Of a site with several networks, those of all
+    /// The serial port of the coordinator, such as /dev/ttyACM0 or a link in /dev/serial/by-id. Of a site with several networks, those of all
     /// coordinators: they are shown, and told in results, as one.
     #[arg(long, value_name = "DEV", required = true)]
     port: Vec<String>,
@@ -102,6 +102,9 @@ object in the middle of the view as the first colour, `learn-colour=1` as the se
 first colour, `track=1` of the second, until `stop-tracking`; `forget` drops pose and sightings.
 Once cameras know their poses and two of them track, the coordinator tells where objects are.
 
+A line that goes away is waited for. A device with a USB serial number is found again by whatever
+name; any device is if --port is its link in /dev/serial/by-id.
+
 Lengths are in the unit in which the site was configured. Results are those of `host-sim run`, with
 what a real network does not tell left empty; `host-sim report run` reads --json. In the end there is
 the verdict: what is the matter with whom, and where to stop the target next.
@@ -111,8 +114,8 @@ wish. No key is ever printed.
 
 Exit codes:
   0    what was asked for is done; of listening: every camera is calibrated
-  1    listening was ended, by --seconds or Ctrl-C, and a camera is not calibrated
-  2    wrong options, something could not be done, or the line or a file failed
+  1    listening was ended, by --seconds, Ctrl-C or the end of a simulation, and a camera is not calibrated
+  2    wrong options, something could not be done, or a file failed
   130  Ctrl-C before what was asked for was done";
 
 /// Time for which a quiet line is left alone.
@@ -141,6 +144,8 @@ enum End {
     Done,
     /// There are cameras that are not calibrated.
     TimeIsUp,
+    /// The line ended before all cameras were calibrated.
+    Unfinished,
     /// Listening was ended.
     Enough,
     /// Something is left to do.
@@ -199,6 +204,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         End::Done | End::Enough => ExitCode::from(code),
         End::TimeIsUp => {
             tell("the time is over, and not every camera is calibrated");
+            ExitCode::from(1)
+        }
+        End::Unfinished => {
+            tell("the other end has ended, and not every camera is calibrated");
             ExitCode::from(1)
         }
         End::Interrupted => {
@@ -263,6 +272,16 @@ fn talk(
                 // The last bytes may tell more.
                 screen.show(now, lines, happenings)?;
                 return Err(error);
+            }
+            Err(Ended::Over) => {
+                screen.show(now, lines, happenings)?;
+                lines.check_answered()?;
+                ensure!(lines.are_done(), "it ended before everything was done");
+                let is_complete = is_complete(lines, now, site);
+                return Ok(match arguments.until_calibrated && !is_complete {
+                    true => End::Unfinished,
+                    false => End::Enough,
+                });
             }
             Err(Ended::Interrupted) if lines.are_done() && !arguments.until_calibrated => {
                 return Ok(End::Enough);
@@ -382,7 +401,7 @@ impl Screen {
     ) -> io::Result<()> {
         let mut is_news = false;
         for line in &mut lines.all {
-            while let Some(news) = line.session.news() {
+            while let Some(news) = line.news() {
                 is_news = true;
                 let news = format!("{}{news}", line.prefix);
                 happenings.said(now, &news);

@@ -8,6 +8,7 @@ use std::{
 };
 
 use anyhow::{Context, bail, ensure};
+use site::durable::folder_of;
 
 use super::file_name;
 
@@ -231,11 +232,4 @@ fn check_folder(folder: &Path) -> anyhow::Result<()> {
 fn try_folder(folder: &Path) -> anyhow::Result<()> {
     let _: File = tempfile::tempfile_in(folder)?;
     Ok(())
-}
-
-pub(super) fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
 }

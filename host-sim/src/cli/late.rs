@@ -10,6 +10,7 @@ use std::{
 };
 
 use anyhow::Context;
+use site::durable::{folder_of, sync_folder};
 
 use super::file_name;
 
@@ -37,14 +38,26 @@ impl Late {
         }
     }
 
-    /// Returns the first error.
+    /// Waits until all is on the disk. Returns the first error.
     pub(super) fn finish(self) -> anyhow::Result<()> {
-        if let State::Failed(error) = &mut *self.state.borrow_mut() {
-            let kind = error.kind();
-            return Err(mem::replace(error, kind.into()))
-                .with_context(|| format!("{} cannot be written", file_name(&self.path)));
+        let done = match &mut *self.state.borrow_mut() {
+            State::NotMade => Ok(()),
+            State::Open(file) => self.keep(file),
+            State::Failed(error) => {
+                let kind = error.kind();
+                Err(mem::replace(error, kind.into()))
+            }
+        };
+        done.with_context(|| format!("{} cannot be written", file_name(&self.path)))
+    }
+
+    fn keep(&self, file: &File) -> io::Result<()> {
+        // Pipes and devices keep nothing.
+        if !file.metadata()?.is_file() {
+            return Ok(());
         }
-        Ok(())
+        file.sync_all()?;
+        sync_folder(folder_of(&self.path))
     }
 }
 

@@ -3,6 +3,7 @@
 use std::{
     cell::Cell,
     collections::VecDeque,
+    fs,
     sync::{Arc, atomic::AtomicBool},
     time::Duration,
 };
@@ -11,7 +12,10 @@ use anyhow::{anyhow, bail};
 use embedded_io::{Read, ReadReady, Write};
 use host_sim::{
     console::session::{Failure, MISSING, Session, Wish, frame},
-    probe::port::{OpenError, Port, PortError},
+    probe::{
+        plug::Plug,
+        port::{OpenError, Port, PortError},
+    },
 };
 use results::{
     record::RunRecord,
@@ -32,15 +36,21 @@ pub(super) struct Line {
     pub(super) network: Cell<u16>,
     baud: u32,
     interrupted: Arc<AtomicBool>,
-    /// `Err`: the line failed at this time.
+    /// `Err`: the line is away, and was last looked for at this time.
     port: Result<Port, Duration>,
+    /// The device at its end, if it is known by a serial number.
+    plug: Option<Plug>,
+    /// At its other end is a program, not a device.
+    is_program: bool,
+    /// Words on the line itself, for people.
+    said: VecDeque<String>,
+    /// Words on why it cannot be opened again, which are told once.
+    complaint: Option<String>,
 }
 
 /// Problem of one line.
 pub(super) enum Trouble {
     Interrupted,
-    /// The line failed; later exchanges open it again.
-    Line(String),
     /// A wish cannot be fulfilled, or the coordinator does not answer.
     Wish(Failure),
 }
@@ -48,6 +58,8 @@ pub(super) enum Trouble {
 /// Reason why talking was given up.
 pub(super) enum Ended {
     Interrupted,
+    /// The programs at the other ends have ended, such as simulations.
+    Over,
     Failed(anyhow::Error),
 }
 
@@ -91,6 +103,10 @@ impl Lines {
                 baud,
                 interrupted: interrupted.clone(),
                 port: Ok(Port::open(path, baud, interrupted.clone())?),
+                plug: Plug::of(path),
+                is_program: is_pseudo_terminal(path),
+                said: VecDeque::new(),
+                complaint: None,
             })
         };
         Ok(Self {
@@ -117,11 +133,13 @@ impl Lines {
         for line in &mut self.all {
             line.exchange(now).map_err(|trouble| match trouble {
                 Trouble::Interrupted => Ended::Interrupted,
-                Trouble::Line(words) => line.failed(words),
-                Trouble::Wish(failure) => line.failed(failure),
+                Trouble::Wish(failure) => Ended::Failed(anyhow!("{}: {failure}", line.path)),
             })?;
         }
-        Ok(())
+        match self.all.iter().all(Line::is_over) {
+            true => Err(Ended::Over),
+            false => Ok(()),
+        }
     }
 
     /// The line of the coordinator that heard last of this member.
@@ -224,21 +242,30 @@ impl Lines {
 }
 
 impl Line {
-    /// Returns true if the port could be opened.
+    /// Returns true if the port is open.
     pub(super) fn is_open(&self) -> bool {
         self.port.is_ok()
     }
 
-    /// Reads the bytes that have come, and sends those that are due. A line that failed is opened again
-    /// first, once it is time.
+    /// Returns true if the program at the other end has ended.
+    fn is_over(&self) -> bool {
+        self.is_program && !self.is_open()
+    }
+
+    /// The next thing to tell people.
+    pub(super) fn news(&mut self) -> Option<String> {
+        self.said.pop_front().or_else(|| self.session.news())
+    }
+
+    /// Reads the bytes that have come, and sends those that are due. A line that is away is looked for, once it is
+    /// time.
     pub(super) fn exchange(&mut self, now: Duration) -> Result<(), Trouble> {
-        if let Err(failed) = &mut self.port {
-            if now.saturating_sub(*failed) < AGAIN {
-                return Ok(());
-            }
-            *failed = now;
-            let opened = Port::open(&self.path, self.baud, self.interrupted.clone());
-            self.port = Ok(opened.map_err(|error| Trouble::Line(error.to_string()))?);
+        if self
+            .port
+            .as_ref()
+            .is_err_and(|at| now.saturating_sub(*at) >= AGAIN)
+        {
+            self.port = self.opened_again(now).ok_or(now);
         }
         let Ok(port) = &mut self.port else {
             return Ok(());
@@ -247,17 +274,53 @@ impl Line {
             Ok(Ok(())) => Ok(()),
             Ok(Err(failure)) => Err(Trouble::Wish(failure)),
             Err(PortError::Interrupted) => Err(Trouble::Interrupted),
-            Err(error) => {
+            Err(PortError::Io(_)) => {
                 // The port is closed here, because it can be open only once.
                 self.port = Err(now);
-                Err(Trouble::Line(format!("the line failed: {error}")))
+                self.said.push_back(match self.is_program {
+                    true => "the program at the other end of the line has ended".to_owned(),
+                    false => "the line is gone: was it unplugged? It is waited for".to_owned(),
+                });
+                Ok(())
             }
         }
     }
 
-    fn failed(&self, why: impl std::fmt::Display) -> Ended {
-        Ended::Failed(anyhow!("{}: {why}", self.path))
+    /// The port, if it is there again, by whatever name. Another device that has its name now is left alone.
+    fn opened_again(&mut self, now: Duration) -> Option<Port> {
+        let path = match &self.plug {
+            Some(plug) => plug.path()?,
+            None => self.path.clone(),
+        };
+        match Port::open(&path, self.baud, self.interrupted.clone()) {
+            Ok(port) => {
+                self.is_program = is_pseudo_terminal(&path);
+                self.complaint = None;
+                self.session.begin_again(now);
+                self.said.push_back(match path == self.path {
+                    true => "the line is there again".to_owned(),
+                    false => format!("the line is there again, as {path}"),
+                });
+                Some(port)
+            }
+            Err(OpenError::Missing { .. }) => None,
+            Err(error) => {
+                let words = Some(error.to_string());
+                if self.complaint != words {
+                    self.said.extend(words.clone());
+                    self.complaint = words;
+                }
+                None
+            }
+        }
     }
+}
+
+/// Returns true if a path leads to an end of a pseudo-terminal: another program is at its other end.
+fn is_pseudo_terminal(path: &str) -> bool {
+    let device = fs::canonicalize(path).unwrap_or_default();
+    // The second is that of macOS, whose terminals have a letter and digits.
+    device.starts_with("/dev/pts") || device.to_string_lossy().starts_with("/dev/ttys")
 }
 
 /// Record of one network, as far as it is known, and the network's number in the file of the site.

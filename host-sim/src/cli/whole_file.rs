@@ -7,10 +7,11 @@ use std::{
 };
 
 use anyhow::{Context, ensure};
+use site::durable::{folder_of, persist};
 
 use super::{file_name, files, unless_gone};
 
-/// Writes a file in whole or not at all, so that a full disk leaves what was there before.
+/// Writes a file in whole or not at all, so that a full disk or a loss of power leaves what was there before.
 pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
     replace(path, bytes.as_ref()).with_context(|| format!("{} cannot be written", file_name(path)))
 }
@@ -32,12 +33,12 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let place = files::place(path);
     let Ok(mut new) = beside(&place, known.as_ref()) else {
         // The user may be allowed to write the file but not to make others in its folder.
-        return fs::write(path, bytes);
+        let mut file = File::create(path)?;
+        file.write_all(bytes)?;
+        return file.sync_all();
     };
     new.write_all(bytes)?;
-    new.flush()?;
-    new.persist(&place).map_err(|error| error.error)?;
-    Ok(())
+    persist(new, &place, true)
 }
 
 /// Returns true if a file is the one that an output of this program leads to.
@@ -63,7 +64,7 @@ fn beside(place: &Path, known: Option<&Metadata>) -> io::Result<tempfile::NamedT
         // Like other programs: all permissions but those that the user's mask takes away.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let new = builder.tempfile_in(files::folder_of(place))?;
+    let new = builder.tempfile_in(folder_of(place))?;
     if let Some(known) = known {
         new.as_file().set_permissions(known.permissions())?;
     }

@@ -402,6 +402,15 @@ impl Session {
         self.patience_from = now;
     }
 
+    /// Begins anew on a line that was away: what was asked for is asked for again.
+    pub fn begin_again(&mut self, now: Duration) {
+        self.frames = Frames::default();
+        self.step = Step::Looking(None);
+        self.asked = None;
+        self.answered = false;
+        self.patience_from = now;
+    }
+
     /// The next event that the view does not contain, in the network of this number.
     pub fn happening(&mut self, number: u16) -> Option<What> {
         let mut what = self.happened.pop_front()?;

@@ -2,6 +2,7 @@
 //!
 //! | module | job |
 //! |---|---|
+//! | `connections` | Limits of the server's connections |
 //! | `editor` | A site's file as the user changes it |
 //! | `log` | The events so far, for pages that are opened late |
 //! | `picture` | A run as a small picture that moves |
@@ -12,15 +13,19 @@
 
 use results::record::event::Event;
 
+mod connections;
 mod editor;
 mod log;
 mod picture;
 mod server;
 
-pub use editor::{Begun, EditError, Editor, Hindrance, Judged, Layout, Placed};
+pub use editor::{
+    Asked, Begun, EditError, Editing, Editor, Hindrance, Judged, Layout, Placed, Saved, Side,
+    SiteFile,
+};
 pub use log::Log;
 pub use picture::animation;
-pub use server::{About, Command, Editing, Save, Server, ServerError, serve, serve_editor};
+pub use server::{About, Command, Server, ServerError, serve, serve_editor};
 
 /// The page's frame.
 const INDEX: &str = include_str!("page/index.html");

@@ -6,7 +6,7 @@
 
 use std::{
     convert::Infallible,
-    io,
+    io::{self, ErrorKind},
     net::{IpAddr, SocketAddr, TcpListener},
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
@@ -18,9 +18,9 @@ use std::{
 
 use axum::{
     Json, Router,
-    extract::{Query, Request, State},
+    extract::{Query, Request, State, rejection::JsonRejection},
     http::{
-        HeaderMap, HeaderName, HeaderValue, StatusCode,
+        HeaderMap, HeaderName, HeaderValue, Method, StatusCode,
         header::{CONTENT_TYPE, HOST, ORIGIN},
     },
     middleware::{self, Next},
@@ -36,7 +36,9 @@ use tokio::sync::{mpsc as channel, watch};
 use tokio_stream::wrappers::ReceiverStream;
 
 use super::{
-    Editor, Layout, Log, STYLE, editor::EditError, editor_page, editor_script, page, script,
+    Asked, EditError, Editing, Log, STYLE,
+    connections::{self, Connection, Limits},
+    editor_page, editor_script, page, script,
 };
 
 /// Command of a user at the page.
@@ -106,18 +108,6 @@ pub enum Command {
     },
 }
 
-/// A site to edit, and the way to save it.
-pub struct Editing {
-    /// The file.
-    pub editor: Editor,
-    /// Writes a text to the file that was named for it; `Err` tells why not. Otherwise the browser
-    /// downloads it.
-    pub save: Option<Save>,
-}
-
-/// See [`Editing::save`]. Returns what was done, in words.
-pub type Save = Box<dyn Fn(&str) -> Result<String, String> + Send + Sync>;
-
 /// Facts about the server that the page needs.
 #[derive(Clone, Debug, Serialize)]
 pub struct About {
@@ -131,7 +121,7 @@ pub struct About {
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The address cannot be used.
-    #[error("{0} cannot be served: {1}")]
+    #[error("{0} cannot be served: {why}", why = no_address(.0, .1))]
     Bind(SocketAddr, io::Error),
     /// The machine gives no random numbers.
     #[error("there is no randomness for a token")]
@@ -139,6 +129,25 @@ pub enum ServerError {
     /// The machine does not let it run.
     #[error("the server cannot run: {0}")]
     Run(io::Error),
+}
+
+/// Reason why an address cannot be had, and what to do.
+fn no_address(address: &SocketAddr, error: &io::Error) -> String {
+    match error.kind() {
+        ErrorKind::AddrNotAvailable => format!(
+            "this computer does not have the address {}: give one of its own to --listen, or 0.0.0.0 for all of them",
+            address.ip()
+        ),
+        ErrorKind::AddrInUse => format!(
+            "another program serves on port {}: end it, or give another --http-port (0 takes a free one)",
+            address.port()
+        ),
+        ErrorKind::PermissionDenied => format!(
+            "you may not serve on port {}: give an --http-port from 1024 on (0 takes a free one)",
+            address.port()
+        ),
+        _ => error.to_string(),
+    }
 }
 
 /// A server that runs; takes events.
@@ -172,7 +181,7 @@ pub fn serve(
     address: SocketAddr,
     about: About,
 ) -> Result<(Server, Receiver<Command>), ServerError> {
-    start(address, about, None)
+    start(address, about, None, Limits::default())
 }
 
 /// Serves the page on which people edit a site from now on, as [`serve`].
@@ -185,13 +194,15 @@ pub fn serve_editor(
     editing: Editing,
 ) -> Result<Server, ServerError> {
     let kind = "site";
-    start(address, About { name, kind }, Some(editing)).map(|(server, _)| server)
+    let about = About { name, kind };
+    start(address, about, Some(editing), Limits::default()).map(|(server, _)| server)
 }
 
-fn start(
+pub(super) fn start(
     address: SocketAddr,
     about: About,
     editing: Option<Editing>,
+    limits: Limits,
 ) -> Result<(Server, Receiver<Command>), ServerError> {
     let failed = |error| ServerError::Bind(address, error);
     let listener = TcpListener::bind(address).map_err(failed)?;
@@ -215,8 +226,7 @@ fn start(
     thread::spawn(move || {
         runtime.block_on(async {
             if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
-                // It ends only with the program.
-                let _ = axum::serve(listener, router).await;
+                connections::serve(listener, router, limits).await;
             }
         });
     });
@@ -287,34 +297,55 @@ impl Server {
     }
 }
 
+const HTML: &str = "text/html; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
 fn router(server: Server) -> Router {
     let of = |kind: &'static str, text: fn() -> String| {
         get(move || async move { ([(CONTENT_TYPE, kind)], text()) })
     };
-    let routes = match &server.0.editing {
-        Some(_) => Router::new()
-            .route("/", of("text/html; charset=utf-8", editor_page))
-            .route(
-                "/app.js",
-                of("text/javascript; charset=utf-8", editor_script),
-            )
-            .route("/site", get(site))
-            .route("/design", post(design))
-            .route("/save", post(save)),
-        None => Router::new()
-            .route("/", of("text/html; charset=utf-8", page))
-            .route("/app.js", of("text/javascript; charset=utf-8", script))
-            .route("/events", get(events))
-            .route("/command", post(command)),
+    let (html, app, owners) = match &server.0.editing {
+        Some(_) => {
+            let owners = Router::new()
+                .route("/site", get(site))
+                .route("/design", post(design))
+                .route("/save", post(save));
+            (of(HTML, editor_page), of(SCRIPT, editor_script), owners)
+        }
+        None => {
+            let owners = Router::new()
+                .route("/events", get(events))
+                .route("/command", post(command));
+            (of(HTML, page), of(SCRIPT, script), owners)
+        }
     };
-    routes
+    owners
+        .route("/about", get(about))
+        .route_layer(middleware::from_fn_with_state(server.clone(), owners_only))
+        .route("/", html)
+        .route("/app.js", app)
         .route(
             "/style.css",
             of("text/css; charset=utf-8", || STYLE.to_owned()),
         )
-        .route("/about", get(about))
         .layer(middleware::from_fn_with_state(server.clone(), guard))
         .with_state(server)
+}
+
+/// Refuses requests without the token before any of their body is read, and commands from other pages.
+async fn owners_only(State(server): State<Server>, request: Request, next: Next) -> Response {
+    let given = Query::<Token>::try_from_uri(request.uri());
+    let is_owners = match *request.method() {
+        Method::GET => given.is_ok_and(|Query(given)| server.is_token(&given.token)),
+        _ => server.is_own_page(request.headers()),
+    };
+    if !is_owners {
+        return StatusCode::FORBIDDEN.into_response();
+    }
+    if let Some(connection) = request.extensions().get::<Connection>() {
+        connection.is_owners();
+    }
+    next.run(request).await
 }
 
 /// Refuses requests under other names, to which another site may have led the browser, and tells browsers
@@ -355,22 +386,12 @@ struct Token {
     token: String,
 }
 
-async fn about(State(server): State<Server>, Query(given): Query<Token>) -> Response {
-    match server.is_token(&given.token) {
-        true => Json(server.0.about.clone()).into_response(),
-        false => StatusCode::FORBIDDEN.into_response(),
-    }
+async fn about(State(server): State<Server>) -> Json<About> {
+    Json(server.0.about.clone())
 }
 
 /// Sends all events, and then those that come.
-async fn events(
-    State(server): State<Server>,
-    Query(given): Query<Token>,
-    headers: HeaderMap,
-) -> Response {
-    if !server.is_token(&given.token) {
-        return StatusCode::FORBIDDEN.into_response();
-    }
+async fn events(State(server): State<Server>, headers: HeaderMap) -> Response {
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok());
     let own = last.and_then(|id| id.strip_prefix(server.0.run.as_str())?.strip_prefix('-'));
     let mut from: Option<u64> = own.and_then(|number| number.parse().ok());
@@ -402,12 +423,8 @@ async fn events(
 
 async fn command(
     State(server): State<Server>,
-    headers: HeaderMap,
-    command: Result<Json<Command>, axum::extract::rejection::JsonRejection>,
+    command: Result<Json<Command>, JsonRejection>,
 ) -> Response {
-    if !server.is_own_page(&headers) {
-        return StatusCode::FORBIDDEN.into_response();
-    }
     match command {
         Ok(Json(command)) => {
             let commands = { server.0.commands.lock() }.unwrap_or_else(PoisonError::into_inner);
@@ -420,39 +437,35 @@ async fn command(
     }
 }
 
-async fn site(State(server): State<Server>, Query(given): Query<Token>) -> Response {
-    if !server.is_token(&given.token) {
-        return StatusCode::FORBIDDEN.into_response();
-    }
-    match (server.0.editing.as_ref()).map(|editing| editing.editor.begun()) {
-        Some(Ok(begun)) => Json(begun).into_response(),
-        Some(Err(error)) => unusable(&error),
+async fn site(State(server): State<Server>) -> Response {
+    let work = move || match server.0.editing.as_ref().map(Editing::begun) {
+        Some(begun) => answer(begun),
         None => StatusCode::NOT_FOUND.into_response(),
+    };
+    at_leisure(work).await
+}
+
+/// Does something on a thread on which it may take its time.
+async fn at_leisure(work: impl FnOnce() -> Response + Send + 'static) -> Response {
+    let done = tokio::task::spawn_blocking(work).await;
+    done.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+}
+
+fn answer(result: Result<impl Serialize, EditError>) -> Response {
+    match result {
+        Ok(result) => Json(result).into_response(),
+        Err(EditError::Conflicts(all)) => (StatusCode::CONFLICT, Json(all)).into_response(),
+        Err(EditError::File(words)) => (StatusCode::INTERNAL_SERVER_ERROR, words).into_response(),
+        Err(error) => (StatusCode::UNPROCESSABLE_ENTITY, error.to_string()).into_response(),
     }
 }
 
-fn unusable(error: &EditError) -> Response {
-    (StatusCode::UNPROCESSABLE_ENTITY, error.to_string()).into_response()
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Asked {
-    layout: Layout,
-    #[serde(default)]
-    advice: bool,
-}
-
-/// Does something with a layout, on a thread on which it may take its time.
-async fn with_layout(
+/// Answers a question about a layout.
+async fn about_layout<T: Serialize + 'static>(
     server: Server,
-    headers: HeaderMap,
-    asked: Result<Json<Asked>, axum::extract::rejection::JsonRejection>,
-    work: fn(&Editing, &Asked) -> Response,
+    asked: Result<Json<Asked>, JsonRejection>,
+    work: fn(&Editing, &Asked) -> Result<T, EditError>,
 ) -> Response {
-    if !server.is_own_page(&headers) {
-        return StatusCode::FORBIDDEN.into_response();
-    }
     let Json(asked) = match asked {
         Ok(asked) => asked,
         Err(wrong) => {
@@ -460,40 +473,20 @@ async fn with_layout(
         }
     };
     let work = move || match &server.0.editing {
-        Some(editing) => work(editing, &asked),
+        Some(editing) => answer(work(editing, &asked)),
         None => StatusCode::NOT_FOUND.into_response(),
     };
-    let done = tokio::task::spawn_blocking(work).await;
-    done.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+    at_leisure(work).await
 }
 
 async fn design(
     State(server): State<Server>,
-    headers: HeaderMap,
-    asked: Result<Json<Asked>, axum::extract::rejection::JsonRejection>,
+    asked: Result<Json<Asked>, JsonRejection>,
 ) -> Response {
-    let work = |editing: &Editing, asked: &Asked| {
-        Json(editing.editor.judge(&asked.layout, asked.advice)).into_response()
-    };
-    with_layout(server, headers, asked, work).await
+    about_layout(server, asked, Editing::judge).await
 }
 
 /// Writes the file, or answers with its text.
-async fn save(
-    State(server): State<Server>,
-    headers: HeaderMap,
-    asked: Result<Json<Asked>, axum::extract::rejection::JsonRejection>,
-) -> Response {
-    let work = |editing: &Editing, asked: &Asked| {
-        let text = match editing.editor.text(&asked.layout) {
-            Ok(text) => text,
-            Err(error) => return unusable(&error),
-        };
-        match editing.save.as_ref().map(|save| save(&text)) {
-            None => ([(CONTENT_TYPE, "application/toml; charset=utf-8")], text).into_response(),
-            Some(Ok(words)) => words.into_response(),
-            Some(Err(words)) => (StatusCode::INTERNAL_SERVER_ERROR, words).into_response(),
-        }
-    };
-    with_layout(server, headers, asked, work).await
+async fn save(State(server): State<Server>, asked: Result<Json<Asked>, JsonRejection>) -> Response {
+    about_layout(server, asked, Editing::save).await
 }

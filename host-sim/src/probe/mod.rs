@@ -16,6 +16,7 @@ pub mod advice;
 pub mod colour;
 pub mod display;
 pub mod picture;
+pub mod plug;
 pub mod port;
 pub mod record;
 pub mod stranger;

@@ -20,9 +20,9 @@ use cmucam2_driver::{
 };
 use rustix::{
     fs::{Mode, OFlags},
-    termios::{OptionalActions, tcgetattr, tcsetattr},
+    termios::{OptionalActions, isatty, tcgetattr, tcsetattr},
 };
-use serialport::SerialPort;
+use serialport::{SerialPort, SerialPortInfo};
 
 use super::{
     Device,
@@ -131,7 +131,7 @@ pub enum OpenError {
         /// The path that was asked for.
         path: String,
     },
-    /// Something else, such as a path that is no serial port.
+    /// Something else, such as a path of something else.
     #[error("{path} cannot be used as a serial port: {reason}. {}", list(.found))]
     Unusable {
         /// The path that was asked for.
@@ -152,13 +152,17 @@ fn list(found: &[String]) -> String {
 }
 
 /// The serial ports of this computer, as far as it tells.
-fn ports() -> Vec<String> {
+pub(super) fn available() -> Vec<SerialPortInfo> {
     // The library panics where this folder is missing, as in some containers.
     if cfg!(target_os = "linux") && !Path::new("/sys/class/tty").is_dir() {
         return Vec::new();
     }
-    let found = serialport::available_ports().unwrap_or_default();
-    let mut names: Vec<_> = found.into_iter().map(|port| port.port_name).collect();
+    serialport::available_ports().unwrap_or_default()
+}
+
+fn ports() -> Vec<String> {
+    let found = available().into_iter();
+    let mut names: Vec<_> = found.map(|port| port.port_name).collect();
     names.sort();
     names
 }
@@ -461,6 +465,12 @@ pub(crate) fn open(
         .map_err(|error| open_error(path.to_owned(), &error))
 }
 
+/// Returns false for what is certainly no terminal.
+fn is_terminal(path: &str) -> bool {
+    let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    rustix::fs::open(path, flags, Mode::empty()).map_or(true, isatty)
+}
+
 fn open_error(path: String, error: &serialport::Error) -> OpenError {
     use serialport::ErrorKind;
     match error.kind() {
@@ -471,8 +481,12 @@ fn open_error(path: String, error: &serialport::Error) -> OpenError {
         },
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => OpenError::Forbidden { path },
         _ => OpenError::Unusable {
+            // Files and other devices know none of a terminal's calls, and say so in various ways.
+            reason: match is_terminal(&path) {
+                true => error.to_string(),
+                false => "it is none".to_owned(),
+            },
             path,
-            reason: error.to_string(),
             found: ports(),
         },
     }
@@ -796,7 +810,8 @@ mod tests {
     #[test]
     fn what_the_operating_system_says_becomes_what_to_do() {
         use serialport::{Error, ErrorKind};
-        let of = |kind| open_error("/dev/null".to_owned(), &Error::new(kind, "said so"));
+        let at = |path: &str, kind| open_error(path.to_owned(), &Error::new(kind, "said so"));
+        let of = |kind| at("/dev/null", kind);
         let text = of(ErrorKind::Io(io::ErrorKind::PermissionDenied)).to_string();
         assert!(text.contains("dialout"), "{text}");
         let text = of(ErrorKind::Io(io::ErrorKind::NotFound)).to_string();
@@ -805,6 +820,8 @@ mod tests {
         let text = of(ErrorKind::NoDevice).to_string();
         assert!(text.contains("in use"), "{text}");
         let text = of(ErrorKind::Unknown).to_string();
+        assert!(text.contains("serial port: it is none."), "{text}");
+        let text = at("/nowhere", ErrorKind::Unknown).to_string();
         assert!(text.contains("said so"), "{text}");
     }
 }

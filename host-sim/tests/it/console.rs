@@ -35,11 +35,17 @@ struct Site {
     key: Option<KeyChangeReport>,
     /// The second camera gets a pose when this command reaches it.
     answers: message::CameraCommand,
+    /// It ends as soon as it is asked for more than what it knows.
+    ends: bool,
 }
 
 impl Site {
     /// Starts it, with these states of its cameras. Keeps the line open as long as the returned end is kept.
     fn start(states: [CameraState; 2]) -> (LineEnd, String) {
+        Self::start_until(states, false)
+    }
+
+    fn start_until(states: [CameraState; 2], ends: bool) -> (LineEnd, String) {
         let (line, port, name) = LineEnd::pair();
         let mut site = Self {
             line,
@@ -47,6 +53,7 @@ impl Site {
             begin: Instant::now(),
             key: None,
             answers: message::CameraCommand::Initialise,
+            ends,
         };
         site.role.on_attached(
             site.now(),
@@ -86,6 +93,9 @@ impl Site {
             match self.line.read(&mut byte) {
                 Ok(_) => {
                     if let Some(wish) = frames.push::<FromPc>(byte[0]) {
+                        if self.ends && wish != FromPc::Refresh {
+                            return;
+                        }
                         self.role.on_event(self.now(), CoordinatorEvent::Pc(wish));
                     }
                 }
@@ -399,6 +409,31 @@ fn no_coordinator_talks() {
     }
 }
 
+/// Things that were to be done when the line ended are an error; a camera that is not calibrated is told.
+#[test]
+fn a_line_that_ends_too_early() {
+    let until = "the other end has ended, and not every camera is calibrated";
+    for (arguments, code, words) in [
+        (
+            &["--command", "3:track"][..],
+            2,
+            "it ended before everything was done",
+        ),
+        (&["--until-calibrated"], 1, until),
+        (&[], 1, ""),
+    ] {
+        let (port, name) = Site::start_until([CameraState::Waiting, pose()], true);
+        let done = console(&name, arguments);
+        drop(port);
+        assert_eq!(done.code, code, "{}{}", done.stdout, done.stderr);
+        assert!(
+            done.stderr.contains(words),
+            "{words} is not in {}",
+            done.stderr
+        );
+    }
+}
+
 #[test]
 fn wrong_options_and_files_are_told_before_the_port_is_opened() {
     let files = Files::new();
@@ -457,8 +492,11 @@ fn a_rehearsals_console_knows_the_poses_of_its_record() {
     let arguments = ["--site", "lab", "--csv", &csv, "--json", &json];
     let done = console(&pty, &arguments);
     assert_eq!(rehearsal.wait().unwrap().code(), Some(0));
-    // The rehearsal took the line with it.
-    assert_eq!(done.code, 2, "{}{}", done.stdout, done.stderr);
+    // The rehearsal took the line with it: that is an end, and all that was told until then is kept.
+    assert_eq!(done.code, 0, "{}{}", done.stdout, done.stderr);
+    assert_eq!(done.stderr, "");
+    let ended = "the program at the other end of the line has ended";
+    assert!(done.stdout.contains(ended), "{}", done.stdout);
     assert!(
         done.stdout.contains("7 of 7 cameras are calibrated"),
         "{}",

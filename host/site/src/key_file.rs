@@ -20,7 +20,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use node_firmware::config::SiteKey;
 use thiserror::Error;
 
-use crate::private_file;
+use crate::durable;
 
 const START: &str = "site-key 1 ";
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -90,11 +90,11 @@ pub fn create(path: &Path, index: u8) -> Result<(), KeyFileError> {
     if SiteKey::new(index, bytes).key().is_none() {
         return Err(KeyFileError::NoRandomness);
     }
-    private_file::write(path, text(index, &bytes).as_bytes(), false).map_err(|error| {
-        match error.kind() {
-            ErrorKind::AlreadyExists => KeyFileError::Exists,
-            _ => KeyFileError::Write(error),
-        }
+    durable::write_private(path, text(index, &bytes).as_bytes(), false).map_err(|error| match error
+        .kind()
+    {
+        ErrorKind::AlreadyExists => KeyFileError::Exists,
+        _ => KeyFileError::Write(error),
     })
 }
 

@@ -15,7 +15,7 @@ use node_firmware::config::{
 };
 use thiserror::Error;
 
-use crate::private_file;
+use crate::durable;
 
 /// Why there is no configuration in a file, or why none was written. No message has the file's
 /// name.
@@ -65,7 +65,7 @@ pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
 pub fn write(path: &Path, config: &CheckedConfig, overwrite: bool) -> Result<usize, PageFileError> {
     let mut bytes = [0; PAGE_MAX];
     let length = page::encode(config, &mut bytes).map_err(PageFileError::Page)?;
-    private_file::write(path, &bytes, overwrite).map_err(|error| match error.kind() {
+    durable::write_private(path, &bytes, overwrite).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => PageFileError::Exists,
         _ => PageFileError::Write(error),
     })?;

@@ -117,6 +117,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             server.tell(events);
             wait(&server, &commands, &interrupted);
         }
+        Some(source) if is_lost(source) => bail!(
+            "there is no file {source}: `host-sim run SITE --events FILE` and `host-sim console --events FILE` \
+             write files of events"
+        ),
         Some(source) => simulation::run(arguments, source, &interrupted)?,
     }
     Ok(ExitCode::SUCCESS)
@@ -132,6 +136,14 @@ fn is_events(source: &str) -> bool {
         Some(line)
     };
     !is_built_in && first().is_some_and(|line| line.trim_ascii() == b"{")
+}
+
+/// Returns true if it can only be meant as a file of events, and is not there.
+fn is_lost(source: &str) -> bool {
+    let path = Path::new(source);
+    let is_site = path.extension().is_some_and(|end| end == "toml");
+    let is_path = path.extension().is_some() || path.components().count() > 1;
+    is_path && !is_site && !path.exists()
 }
 
 fn start(

@@ -31,7 +31,7 @@ use super::{Arguments, POLL, start, told};
 /// Time between two looks at the networks.
 const LOOKS: Duration = Duration::from_millis(200);
 
-/// Runs until Ctrl-C. A line that fails is opened again; one that never was there is a wrong name.
+/// Runs until Ctrl-C. A line that goes away is waited for; one that never was there is a wrong name.
 pub(super) fn run(arguments: &Arguments, interrupted: &Arc<AtomicBool>) -> anyhow::Result<()> {
     check_ports(&arguments.port)?;
     let site = arguments.site.as_deref().map(read_site).transpose()?;
@@ -110,10 +110,6 @@ impl Networks<'_> {
                         self.complain(now, n, words);
                     }
                 }
-                Err(Trouble::Line(words)) => {
-                    self.look(now);
-                    self.complain(now, n, words);
-                }
                 Err(Trouble::Interrupted) => return,
             }
             self.tell(now, n);
@@ -123,7 +119,7 @@ impl Networks<'_> {
     /// Tells the page what a line said besides the record.
     fn tell(&mut self, now: Duration, n: usize) {
         let line = &mut self.lines.all[n];
-        while let Some(words) = line.session.news() {
+        while let Some(words) = line.news() {
             let words = format!("{}{words}", line.prefix);
             let said = What::Said { node: None, words };
             self.server.tell([Event::new(now.as_secs_f64(), said)]);

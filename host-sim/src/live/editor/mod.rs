@@ -7,9 +7,14 @@ use site::{
 };
 use toml_edit::DocumentMut;
 
+mod editing;
 mod file;
+mod joined;
 #[cfg(test)]
 mod tests;
+
+pub use editing::{Asked, Editing, Saved, SiteFile};
+pub use joined::Side;
 
 /// Number of further cameras and of further stops that are advised.
 const ADVISED: usize = 3;
@@ -63,6 +68,8 @@ pub struct Judged {
 /// A site as the page begins with it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Begun {
+    /// Number of this version of the file.
+    pub version: usize,
     /// Its name.
     pub name: String,
     /// Name of its unit of length.
@@ -98,6 +105,18 @@ pub enum EditError {
     /// A number is not finite.
     #[error("a place is not a number")]
     NotFinite,
+    /// The file cannot be read or written, in words.
+    #[error("{0}")]
+    File(String),
+    /// The file was removed.
+    #[error("the file was removed meanwhile: a page that is still open can save it anew")]
+    Gone,
+    /// The file was changed to something that is no site.
+    #[error("the file is no site as it is by now: mend it there, then save again ({0})")]
+    Now(Box<EditError>),
+    /// Page and file have changed the same things, in words.
+    #[error("changed here and in the file: {}", .0.join("; "))]
+    Conflicts(Vec<String>),
 }
 
 /// Editor of a file.
@@ -134,13 +153,14 @@ impl Editor {
         Ok(editor)
     }
 
-    /// The site as the page needs it at first.
+    /// The site as the page needs it at first, by the number of this version.
     ///
     /// # Errors
     /// [`EditError::Unplaced`]
-    pub fn begun(&self) -> Result<Begun, EditError> {
+    pub fn begun(&self, version: usize) -> Result<Begun, EditError> {
         let world = &self.scenario.world;
         Ok(Begun {
+            version,
             name: self.scenario.name.clone(),
             unit: self.scenario.unit.clone(),
             bounds: [world.low, world.high],

@@ -116,17 +116,19 @@ function choose(name) {
 let isAsking = false;
 let isWanted = false;
 let isAdviceWanted = false;
+let isQuiet = false;
 
-async function post(path, advice) {
+async function post(path, more) {
   return fetch(path, {
     method: 'POST', headers: {'content-type': 'application/json', 'x-token': token},
-    body: JSON.stringify({layout, advice}),
+    body: JSON.stringify({version: site.version, layout, ...more}),
   });
 }
 
-// Asks one question at a time; of those that come meanwhile, the last.
-async function judge(advice) {
+// Asks one question at a time; of those that come meanwhile, the last. `quiet` leaves the words on a save there.
+async function judge(advice, quiet = false) {
   isAdviceWanted ||= advice;
+  isQuiet = quiet;
   isWanted = true;
   if (isAsking) return;
   isAsking = true;
@@ -134,12 +136,12 @@ async function judge(advice) {
     isWanted = false;
     const wantsAdvice = isAdviceWanted;
     isAdviceWanted = false;
-    tell('computing', false);
+    if (!isQuiet) tell('computing', false);
     try {
-      const answer = await post('design', wantsAdvice);
+      const answer = await post('design', {advice: wantsAdvice});
       if (answer.ok) {
         judged = await answer.json();
-        tell('computed', false);
+        if (!isQuiet) tell('computed', false);
       } else {
         tell(`refused: ${await answer.text() || answer.status}`, true);
       }
@@ -157,20 +159,77 @@ function tell(words, isBad) {
   byId('link').classList.toggle('lost', isBad);
 }
 
-async function save() {
+// The layout that was last read or saved, as text.
+let kept = '';
+let isSaving = false;
+
+const isUnsaved = () => layout !== null && JSON.stringify(layout) !== kept;
+
+function download(text) {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(new Blob([text], {type: 'application/toml'}));
+  link.download = 'site.toml';
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+// Numbers the obstacles of a layout that can be undone or redone as those of the saved file.
+function renumber(entry, sent, saved) {
+  for (const obstacle of entry.obstacles) {
+    const same = one => (obstacle.of === undefined
+      ? one.of === undefined && JSON.stringify(one.is) === JSON.stringify(obstacle.is)
+      : one.of === obstacle.of);
+    const at = sent.obstacles.findIndex(same);
+    obstacle.of = at < 0 ? undefined : saved.obstacles[at].of;
+  }
+}
+
+// Saves; `more` tells which change holds where page and file changed the same thing, or that a download is wanted.
+async function save(more) {
+  if (isSaving || dragging) return;
+  // Nothing changes meanwhile that would be lost when the file's state comes back.
+  isSaving = true;
+  const locked = [byId('tools'), document.querySelector('main')];
+  for (const part of locked) part.inert = true;
   try {
-    const answer = await post('save', false);
+    const answer = await post('save', more);
+    if (answer.status === 409) return conflict(await answer.json());
     if (!answer.ok) return tell(`not saved: ${await answer.text() || answer.status}`, true);
-    if (!answer.headers.get('content-type').startsWith('application/toml')) return tell(await answer.text(), false);
-    const link = document.createElement('a');
-    link.href = URL.createObjectURL(await answer.blob());
-    link.download = 'site.toml';
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-    tell('downloaded as site.toml', false);
+    const saved = await answer.json();
+    if (saved.text !== null) download(saved.text);
+    byId('conflict').hidden = true;
+    if (saved.joined) {
+      // Going back would take the others' changes back too.
+      done.length = undone.length = 0;
+      selected = null;
+    } else {
+      const sent = layout;
+      for (const entry of [...done, ...undone]) renumber(entry, sent, saved.layout);
+    }
+    site = saved.site;
+    layout = saved.layout;
+    kept = JSON.stringify(layout);
+    const words = saved.words ?? 'downloaded as site.toml';
+    tell(saved.joined ? `${words}, joined with what changed there meanwhile` : words, false);
+    draw();
+    if (saved.joined) judge(false, true);
   } catch {
     tell('not saved: the server does not answer', true);
+  } finally {
+    isSaving = false;
+    for (const part of locked) part.inert = false;
   }
+}
+
+// Shows what was changed here and in the file, and what can be done.
+function conflict(all) {
+  tell('not saved: it was changed here and in the file', true);
+  byId('conflict').querySelector('ul').replaceChildren(...all.map(words => {
+    const item = document.createElement('li');
+    item.textContent = words;
+    return item;
+  }));
+  byId('conflict').hidden = false;
 }
 
 // ---- Pointer and keys
@@ -209,7 +268,11 @@ function listen() {
   byId('remove').addEventListener('click', removeSelected);
   byId('shade').addEventListener('change', draw);
   byId('advise').addEventListener('click', () => judge(true));
-  byId('save').addEventListener('click', save);
+  byId('save').addEventListener('click', () => save());
+  byId('take-page').addEventListener('click', () => save({prefer: 'page'}));
+  byId('take-file').addEventListener('click', () => save({prefer: 'file'}));
+  byId('keep-page').addEventListener('click', () => save({download: true}));
+  addEventListener('beforeunload', event => { if (isUnsaved()) event.preventDefault(); });
   byId('exact').addEventListener('submit', event => event.preventDefault());
   for (const [id, key] of [['x', 'x'], ['y', 'y'], ['heading', 'heading_deg']]) {
     byId(id).addEventListener('change', () => {
@@ -222,6 +285,7 @@ function listen() {
 
 function keys(event) {
   const key = event.key.toLowerCase();
+  if (isSaving) return;
   if (event.ctrlKey || event.metaKey) {
     if (key === 's') { event.preventDefault(); save(); }
     if (event.target instanceof HTMLInputElement) return;
@@ -260,9 +324,10 @@ function keys(event) {
 async function begin() {
   if (!token) return tell('open the whole address that was printed, with what follows #', true);
   const answer = await fetch('site?token=' + encodeURIComponent(token));
-  if (!answer.ok) return tell('this address is not the one that was printed last', true);
+  if (!answer.ok) return tell(await answer.text() || 'this address is not the one that was printed last', true);
   site = await answer.json();
   layout = clone(site.layout);
+  kept = JSON.stringify(layout);
   byId('name').textContent = site.name;
   document.title = site.name;
   byId('grid').hidden = !site.was_grid;

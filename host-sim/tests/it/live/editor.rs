@@ -238,3 +238,65 @@ async fn a_grid_is_edited_and_fits_a_phone() {
     assert_eq!([ids(0), ids(1)], expected);
     browser.end().await;
 }
+
+/// Another program writes the file, and another page, while a page is open: nothing of it is lost, and where both
+/// changed the same camera the user chooses.
+#[tokio::test]
+async fn what_others_write_meanwhile_is_not_lost() {
+    let folder = TempDir::new().unwrap();
+    let site = folder.path().join("mine.toml");
+    let (_, thesis) = site::BUILT_IN[0];
+    fs::write(&site, "as it was before").unwrap();
+    let path = site.to_str().unwrap();
+    let (_server, url) = served(&["edit", "thesis-13", "--save", path, "--replace"]);
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&url).await.unwrap();
+    judged(&browser).await;
+    let save = "document.getElementById('save').click()";
+    let says = |words: &str| {
+        format!("return document.getElementById('link').textContent.startsWith('{words}')")
+    };
+    let by_hand = |from: &str, to: &str| {
+        let text = fs::read_to_string(&site).unwrap();
+        assert!(text.contains(from), "{text}");
+        fs::write(&site, text.replace(from, to)).unwrap();
+    };
+    browser.run(&drag([15.0, 2.0], [15.5, 2.5])).await;
+    judged(&browser).await;
+    browser.run(save).await;
+    browser.until(&says("saved as")).await;
+    by_hand("id = 5, x = 21.0", "id = 5, x = 20.0");
+    // After a reload, with what was saved and what was written by hand.
+    browser.client.refresh().await.unwrap();
+    browser.run("window.judgedBefore = undefined").await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await[1], "15.50, 2.50");
+    assert_eq!(row(&browser, 5).await[1], "20.00, 3.00");
+    // Without one.
+    by_hand("id = 5, x = 20.0", "id = 5, x = 19.0");
+    browser.run(&drag([15.5, 2.5], [15.0, 2.0])).await;
+    judged(&browser).await;
+    browser.run(save).await;
+    let joined = format!("saved as {path}, joined with what changed there meanwhile");
+    browser.until(&says(&joined)).await;
+    assert_eq!(row(&browser, 5).await[1], "19.00, 3.00");
+    // The same camera, here and there.
+    by_hand("id = 5, x = 19.0", "id = 5, x = 18.0");
+    browser.run(&drag([19.0, 3.0], [20.5, 3.5])).await;
+    judged(&browser).await;
+    browser.run(save).await;
+    browser.until(&says("not saved")).await;
+    let told = "const told = document.getElementById('conflict'); return told.hidden ? '' : told.textContent";
+    let told = browser.run(told).await;
+    let told = told.as_str().unwrap();
+    assert!(told.contains("camera 5: at (18.00, 3.00)"), "{told}");
+    browser
+        .run("document.getElementById('take-page').click()")
+        .await;
+    browser.until(&says("saved as")).await;
+    let hidden = "return document.getElementById('conflict').hidden";
+    assert_eq!(browser.run(hidden).await, json!(true));
+    let expected = thesis.replace("id = 5, x = 21.0, y = 3.0", "id = 5, x = 20.5, y = 3.5");
+    assert_eq!(fs::read_to_string(&site).unwrap(), expected);
+    browser.end().await;
+}

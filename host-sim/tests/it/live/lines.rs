@@ -205,9 +205,10 @@ async fn a_line_that_failed_is_opened_again() {
         format!("return document.getElementById('log').textContent.includes('{words}')")
     };
     browser
-        .until(&log(&format!("{line}: the line failed")))
+        .until(&log("the program at the other end of the line has ended"))
         .await;
     let _second = rehearsal("lab", "2x", &[line]);
+    browser.until(&log("the line is there again")).await;
     browser.run(&press("#controls", "open")).await;
     browser.until(&log("join window 60 s: done")).await;
     browser.end().await;

@@ -409,6 +409,14 @@ fn a_site_that_is_edited_stays_as_it_was() {
     ] {
         refused(&["edit", &site, "--save", &saved], expected);
     }
+    // Another file is replaced only if that is asked for.
+    let other = files.write("other.toml", "as it was");
+    for edited in ["office", &site] {
+        let words = "is there already: go on with it (`host-sim edit ";
+        refused(&["edit", edited, "--save", &other], words);
+    }
+    assert_eq!(fs::read_to_string(&other).unwrap(), "as it was");
+    refused(&["edit", &site, "--replace"], "--save");
     let begin = "begin with a site that is built in, as `host-sim edit office --save";
     refused(&["edit", &files.path("my-site.toml")], begin);
     let told = run(&["edit", &site, "--json", "-"]);
