@@ -126,9 +126,13 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
             .collect();
         let gain = walk.gain(&own, &now, &after);
         // Where all measurements do not tell why it is weak, they do not tell what helps it either.
-        let limit = record.limits.sigma_position;
-        let is_unclear =
-            |index: &usize| walk.known.sigma(*index).is_none_or(|sigma| sigma <= limit);
+        let is_unclear = |index: &usize| {
+            let told = walk.cameras[*index].estimate;
+            let told = told.map_or(0.0, |estimate| estimate.sigma_position());
+            walk.known
+                .sigma(*index)
+                .is_none_or(|sigma| sigma < UNCLEAR * told)
+        };
         let unclear: Vec<usize> = own.iter().copied().filter(is_unclear).collect();
         let others = stop
             .seen_by
@@ -161,6 +165,16 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         stops: kept,
         instead: more.instead,
     }
+}
+
+/// Changes of the site that help the least certain of these cameras of a network.
+pub(super) fn remedies(record: &RunRecord, network: u16, cameras: &[&Node]) -> Vec<Instead> {
+    let Some(walk) = Walk::longest(record, network, true) else {
+        return Vec::new();
+    };
+    let is_meant = |camera: &&Node| cameras.iter().any(|meant| meant.id == camera.id);
+    let wishing = (2..walk.cameras.len()).filter(|&index| is_meant(&walk.cameras[index]));
+    walk.instead(&wishing.collect::<Vec<_>>())
 }
 
 /// Number of poses that are checked, and number that could be.
@@ -318,6 +332,8 @@ impl<'a> Walk<'a> {
     }
 }
 
+/// Measurements that foretell less than this share of a camera's own sigma do not tell why it is weak.
+const UNCLEAR: f64 = 0.1;
 /// A gain below this share is none.
 const LEAST_GAIN: f64 = 0.05;
 /// So many measurements in common tie two cameras to one another.
