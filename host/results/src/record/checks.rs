@@ -333,7 +333,7 @@ impl<'a> Walk<'a> {
 }
 
 /// Measurements that foretell less than this share of a camera's own sigma do not tell why it is weak.
-const UNCLEAR: f64 = 0.1;
+const UNCLEAR: f64 = 0.25;
 /// A gain below this share is none.
 const LEAST_GAIN: f64 = 0.05;
 /// So many measurements in common tie two cameras to one another.
