@@ -117,6 +117,9 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
     };
     let index = |id: &u16| walk.cameras.iter().position(|camera| camera.id == *id);
     let wishing: Vec<usize> = weak.iter().filter_map(|camera| index(&camera.id)).collect();
+    // Usual values in the place of measurements that are not told are only of that size.
+    let is_measured = record.sightings.iter().any(|own| own.network == network);
+    let limit = record.limits.sigma_position;
     let mut now = walk.known.clone();
     let (mut kept, mut helped) = (Vec::new(), BTreeSet::new());
     for mut stop in stops {
@@ -129,9 +132,8 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         let is_unclear = |index: &usize| {
             let told = walk.cameras[*index].estimate;
             let told = told.map_or(0.0, |estimate| estimate.sigma_position());
-            walk.known
-                .sigma(*index)
-                .is_none_or(|sigma| sigma < UNCLEAR * told)
+            let least = if is_measured { UNCLEAR * told } else { limit };
+            walk.known.sigma(*index).is_none_or(|sigma| sigma <= least)
         };
         let unclear: Vec<usize> = own.iter().copied().filter(is_unclear).collect();
         let others = stop
@@ -332,8 +334,8 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Measurements that foretell less than this share of a camera's own sigma do not tell why it is weak.
-const UNCLEAR: f64 = 0.25;
+/// Measurements that foretell no more than this share of a camera's own sigma do not tell why it is weak.
+const UNCLEAR: f64 = 0.1;
 /// A gain below this share is none.
 const LEAST_GAIN: f64 = 0.05;
 /// So many measurements in common tie two cameras to one another.
