@@ -6,7 +6,7 @@ use calib_core::Sighting;
 use node_firmware::{config::RoleConfig as Configured, facts::KeptSighting, message::Duty};
 use results::view;
 
-use super::{Simulation, console::Console, journal::NodeEntry, measured};
+use super::{FurtherEnd, Simulation, console::Console, journal::NodeEntry, measured};
 use results::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
     Unit, View, heading_degrees, sightings::Sightings, summary::Summary,
@@ -156,6 +156,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         area,
         radio: Some(radio(simulation, sim_seconds)),
         tracking: simulation.tracking.clone(),
+        stops_in_vain: simulation.further_end() == Some(FurtherEnd::InVain),
         sim_seconds,
         wall_seconds: Some(wall_seconds),
     }

@@ -107,6 +107,7 @@ fn tiny() -> RunRecord {
         }),
         sim_seconds: 100.5,
         tracking: Vec::new(),
+        stops_in_vain: false,
         wall_seconds: Some(0.125),
     }
 }

@@ -7,7 +7,7 @@ use results::{
     export::Frame,
     record::{
         Place, RunRecord,
-        verdict::{Common, Gained, Verdict},
+        verdict::{Common, Gained, Instead, Verdict},
     },
     report::run::run_report,
 };
@@ -71,6 +71,14 @@ fn corridor() -> String {
         .map(|n| (4.0 * f64::from(n), 0.1, 180.0 * f64::from(n % 2)))
         .collect();
     room([28.0, 2.0], &cameras, "")
+}
+
+/// The corridor with a carrier whose legs err by scale and compass alone, which no stop there tells.
+fn corridor_of_biased_legs() -> String {
+    { corridor().replace("scale_bias = -0.032", "scale_bias = 0.05") }
+        .replace("heading_bias_deg = -0.97", "heading_bias_deg = -2.0")
+        .replace("leg_distance = 0.02", "")
+        .replace("leg_heading_deg = 1.0", "")
 }
 
 /// A room whose cameras have other lenses than the file says.
@@ -182,6 +190,35 @@ fn people_are_told_places_as_the_file_tells_them() {
         .map(|corner| corner.map(f64::round))
         .collect();
     assert_eq!(corners, [[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]]);
+}
+
+/// Where the next stop helps no camera, the remedies are named at once; a verdict never asks for stops of which the
+/// last ones improved nothing.
+#[test]
+fn remedies_are_named_where_no_stop_helps() {
+    let (record, made, end) = run(&corridor_of_biased_legs(), 1, 24);
+    let verdict = Verdict::of(&record);
+    assert!(made <= 3, "{made} {end:?} {verdict}");
+    assert_eq!(verdict.next_stops, [], "{end:?} {verdict}");
+    let carrier = |instead: &Instead| matches!(instead, Instead::Carrier(50, _));
+    let references = |instead: &Instead| matches!(instead, Instead::References(..));
+    assert!(verdict.instead.iter().any(carrier), "{verdict}");
+    assert!(verdict.instead.iter().any(references), "{verdict}");
+    for instead in &verdict.instead {
+        assert!(instead.gain().to < 0.95 * instead.gain().from, "{verdict}");
+    }
+    // The same record, had the last stops been in vain.
+    let (mut record, ..) = run(&corridor(), 1, 0);
+    assert!(!Verdict::of(&record).next_stops.is_empty());
+    record.stops_in_vain = true;
+    let verdict = Verdict::of(&record);
+    assert_eq!(verdict.next_stops, [], "{verdict}");
+    assert!(!verdict.instead.is_empty(), "{verdict}");
+    let text = verdict.to_string();
+    assert!(
+        text.contains("The last stops improved nothing. These changes would help:"),
+        "{text}"
+    );
 }
 
 /// No stop is made where that improves nothing, and the verdict says what would help.

@@ -134,6 +134,7 @@ impl Sample {
             area: Vec::new(),
             sim_seconds: 840.25,
             tracking: Vec::new(),
+            stops_in_vain: false,
             wall_seconds: Some(0.31),
         }
     }

@@ -117,6 +117,9 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
     };
     let index = |id: &u16| walk.cameras.iter().position(|camera| camera.id == *id);
     let wishing: Vec<usize> = weak.iter().filter_map(|camera| index(&camera.id)).collect();
+    // Usual values in the place of measurements that are not told are only of that size.
+    let is_measured = record.sightings.iter().any(|own| own.network == network);
+    let limit = record.limits.sigma_position;
     let mut now = walk.known.clone();
     let (mut kept, mut helped) = (Vec::new(), BTreeSet::new());
     for mut stop in stops {
@@ -126,9 +129,12 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
             .collect();
         let gain = walk.gain(&own, &now, &after);
         // Where all measurements do not tell why it is weak, they do not tell what helps it either.
-        let limit = record.limits.sigma_position;
-        let is_unclear =
-            |index: &usize| walk.known.sigma(*index).is_none_or(|sigma| sigma <= limit);
+        let is_unclear = |index: &usize| {
+            let told = walk.cameras[*index].estimate;
+            let told = told.map_or(0.0, |estimate| estimate.sigma_position());
+            let least = if is_measured { UNCLEAR * told } else { limit };
+            walk.known.sigma(*index).is_none_or(|sigma| sigma <= least)
+        };
         let unclear: Vec<usize> = own.iter().copied().filter(is_unclear).collect();
         let others = stop
             .seen_by
@@ -161,6 +167,16 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         stops: kept,
         instead: more.instead,
     }
+}
+
+/// Changes of the site that help the least certain of these cameras of a network.
+pub(super) fn remedies(record: &RunRecord, network: u16, cameras: &[&Node]) -> Vec<Instead> {
+    let Some(walk) = Walk::longest(record, network, true) else {
+        return Vec::new();
+    };
+    let is_meant = |camera: &&Node| cameras.iter().any(|meant| meant.id == camera.id);
+    let wishing = (2..walk.cameras.len()).filter(|&index| is_meant(&walk.cameras[index]));
+    walk.instead(&wishing.collect::<Vec<_>>())
 }
 
 /// Number of poses that are checked, and number that could be.
@@ -318,6 +334,8 @@ impl<'a> Walk<'a> {
     }
 }
 
+/// Measurements that foretell no more than this share of a camera's own sigma do not tell why it is weak.
+const UNCLEAR: f64 = 0.1;
 /// A gain below this share is none.
 const LEAST_GAIN: f64 = 0.05;
 /// So many measurements in common tie two cameras to one another.

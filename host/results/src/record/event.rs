@@ -233,6 +233,9 @@ pub enum What {
         radio: Option<Radio>,
         /// Duration of the run.
         sim_seconds: f64,
+        /// As in the record: left out where it is false.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        stops_in_vain: bool,
         /// Why it ended before its time.
         cut_short: Option<String>,
     },
@@ -652,10 +655,14 @@ impl RunRecord {
                 self.tracking.push(*is);
             }
             What::End {
-                radio, sim_seconds, ..
+                radio,
+                sim_seconds,
+                stops_in_vain,
+                ..
             } => {
                 self.radio.clone_from(radio);
                 self.sim_seconds = *sim_seconds;
+                self.stops_in_vain = *stops_in_vain;
             }
             What::StopEnds { .. }
             | What::Place { .. }
@@ -735,6 +742,7 @@ impl Looker {
         let end = What::End {
             radio: record.radio.clone(),
             sim_seconds: seconds,
+            stops_in_vain: record.stops_in_vain,
             cut_short: cut_short.map(str::to_owned),
         };
         events.push(Event::new(seconds, end));

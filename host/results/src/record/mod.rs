@@ -84,6 +84,10 @@ pub struct RunRecord {
     /// Quality of each network's tracking after the calibration; left out where none tracked.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tracking: Vec<Tracking>,
+    /// True if the last stops that the verdict asked for were made and improved nothing: it asks for no other then.
+    /// Left out where it is false.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub stops_in_vain: bool,
     /// Duration of the run for the simulated nodes; of a real network, the time that it was listened to.
     pub sim_seconds: f64,
     /// Time that the computer took; `null` unless asked for, since it is never twice the same.

@@ -67,6 +67,7 @@ impl NetworkView {
             area: site.map(SitePlan::area).unwrap_or_default(),
             radio: None,
             tracking: Vec::new(),
+            stops_in_vain: false,
             sim_seconds: now.as_secs_f64(),
             wall_seconds: None,
         }

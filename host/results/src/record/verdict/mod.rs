@@ -64,6 +64,8 @@ pub struct Verdict {
     pub next_stops: Vec<NextStop>,
     /// Changes that help cameras that no stop helps, the best one first.
     pub instead: Vec<Instead>,
+    /// True if it asks for no stop because the last ones improved nothing.
+    pub stops_in_vain: bool,
     /// Where the frames of the networks are in that of the site's file, as far as that is known.
     frames: BTreeMap<u16, Isometry2<f64>>,
     references: BTreeSet<u16>,
@@ -312,6 +314,10 @@ impl Verdict {
             instead.extend(other);
         }
         next_stops.extend(to_check);
+        if record.stops_in_vain {
+            next_stops.clear();
+            instead = remedies(record);
+        }
         // Those that help the least certain camera, where no stop does.
         let worst = { instead.iter() }.map(|other: &Instead| other.gain().from);
         let worst = worst.fold(0.0, f64::max);
@@ -362,6 +368,7 @@ impl Verdict {
             failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
             instead,
+            stops_in_vain: record.stops_in_vain,
             findings,
             stood: { record.targets.iter() }
                 .flat_map(|target| target.stops.iter().map(move |stop| (target, stop)))
@@ -408,6 +415,20 @@ impl Verdict {
     pub fn exit_code(&self) -> u8 {
         u8::from(!self.is_good())
     }
+}
+
+/// Changes of the site that help cameras that have a pose, but not a good one.
+fn remedies(record: &RunRecord) -> Vec<Instead> {
+    let networks = record.networks.iter().map(|network| network.network);
+    let found = networks.flat_map(|network| {
+        let is_poor = |camera: &&Node| {
+            let is_unchecked = camera.is_checkable() && !camera.is_checked(&record.limits);
+            camera.network == network && (checks::is_weak(camera) || is_unchecked)
+        };
+        let poor: Vec<&Node> = record.cameras().filter(is_poor).collect();
+        checks::remedies(record, network, &poor)
+    });
+    found.collect()
 }
 
 /// Poses of a network that are not checked: the reasons, and where to stop next.

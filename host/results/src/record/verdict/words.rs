@@ -399,10 +399,13 @@ impl Verdict {
     }
 
     fn write_instead(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.instead.is_empty() {
-            return Ok(());
+        match (self.stops_in_vain, self.instead.is_empty()) {
+            (false, true) => return Ok(()),
+            (true, true) => return writeln!(f, "The last stops improved nothing."),
+            (false, false) => f.write_str("No single further stop helps.")?,
+            (true, false) => f.write_str("The last stops improved nothing.")?,
         }
-        f.write_str("No single further stop helps. These changes would:")?;
+        f.write_str(" These changes would help:")?;
         for (number, instead) in self.instead.iter().enumerate() {
             f.write_str(if number == 0 { " " } else { "; or " })?;
             match instead {
