@@ -8,6 +8,7 @@
 use calib_core::{
     Pose, Refusal, Status, angle,
     dead_reckoning::{Step, Systematic},
+    fit::RARE,
     joint::{
         BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
         JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, is_consensus,
@@ -67,9 +68,6 @@ const LOST_STOPS: usize = 12;
 
 /// Pairs of cameras between which a frame is tried at one stop.
 const FAILED: usize = 6;
-
-/// Sigmas that noise exceeds once in a thousand.
-const NOISE: f32 = 3.09;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
@@ -488,15 +486,20 @@ impl<'m> Estimate<'m> {
             }
             Ok(Progress::Over(solution)) => Some(self.answers(&solution, table)),
             Err(error) => {
-                if let (JointError::Start(why), Some(frame)) = (error, self.frame)
-                    && why != Refusal::TooFew
-                {
-                    // One of them may have been moved: between others there may be one.
-                    let has_room = self.failed.push(frame.references).is_ok();
-                    debug_assert!(has_room, "no more are tried at a stop");
-                    if why != Refusal::Undetermined {
+                match (error, self.frame) {
+                    (JointError::Start(why), Some(frame)) if why != Refusal::TooFew => {
+                        // One of them may have been moved: between others there may be one.
+                        let has_room = self.failed.push(frame.references).is_ok();
+                        debug_assert!(has_room, "no more are tried at a stop");
+                        if why != Refusal::Undetermined {
+                            self.doubt(&frame, table);
+                        }
+                    }
+                    // Nothing fits any more that fitted before.
+                    (JointError::Solve(Refusal::DidNotConverge), Some(frame)) => {
                         self.doubt(&frame, table);
                     }
+                    _ => {}
                 }
                 debug!("nothing that was measured can be estimated together");
                 Some(None)
@@ -581,10 +584,17 @@ impl<'m> Estimate<'m> {
             self.rejected = Some(worst.address);
         }
         let again = core::mem::take(&mut self.again);
+        // Both references doubt their poses: all poses hang on them.
+        let is_doubted = |address: &MemberAddress| {
+            let entry = table.iter().find(|entry| entry.address == *address);
+            let report = entry.and_then(|entry| entry.report);
+            report.is_some_and(|report| report.status() == Status::Doubtful)
+        };
+        let is_frame_doubted = frame.references.iter().all(is_doubted);
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
-            let Some(mut report) = self.report(camera, &frame, solution) else {
+            let Some(mut report) = self.report(camera, &frame, solution, is_frame_doubted) else {
                 continue;
             };
             if !is_believed {
@@ -689,6 +699,7 @@ impl<'m> Estimate<'m> {
         camera: usize,
         frame: &Frame,
         solution: &JointSolution<f32>,
+        is_frame_doubted: bool,
     ) -> Option<Report> {
         let known = *self
             .cameras
@@ -707,8 +718,8 @@ impl<'m> Estimate<'m> {
             let level = ProtectionLevel::from(levels);
             let place = frame.covariance(pose.position).trace();
             ProtectionLevel {
-                position: level.position + NOISE * root(place),
-                heading: level.heading + NOISE * root(frame.turned()),
+                position: level.position + RARE as f32 * root(place),
+                heading: level.heading + RARE as f32 * root(frame.turned()),
             }
         });
         let mut in_site = frame.in_site(&Pose {
@@ -723,10 +734,12 @@ impl<'m> Estimate<'m> {
         let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
         // A camera that hangs upside down fits what is left. A moved one is not believed either.
-        let is_outvoted = !is_consensus(count, came);
-        let is_doubtful =
-            is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
-        // The camera itself knows which pose is good enough.
+        // The camera itself knows which pose is good enough, and checked.
+        let is_outvoted = !is_consensus(count, came, true);
+        let is_doubtful = is_outvoted
+            || is_frame_doubted
+            || self.estimator.is_ambiguous(camera)
+            || (since.is_some() && !is_found);
         let state = if solution.fit.is_bad() || is_doubtful {
             CameraState::Doubtful(parts)
         } else {
