@@ -486,20 +486,15 @@ impl<'m> Estimate<'m> {
             }
             Ok(Progress::Over(solution)) => Some(self.answers(&solution, table)),
             Err(error) => {
-                match (error, self.frame) {
-                    (JointError::Start(why), Some(frame)) if why != Refusal::TooFew => {
-                        // One of them may have been moved: between others there may be one.
-                        let has_room = self.failed.push(frame.references).is_ok();
-                        debug_assert!(has_room, "no more are tried at a stop");
-                        if why != Refusal::Undetermined {
-                            self.doubt(&frame, table);
-                        }
-                    }
-                    // Nothing fits any more that fitted before.
-                    (JointError::Solve(Refusal::DidNotConverge), Some(frame)) => {
+                if let (JointError::Start(why), Some(frame)) = (error, self.frame)
+                    && why != Refusal::TooFew
+                {
+                    // One of them may have been moved: between others there may be one.
+                    let has_room = self.failed.push(frame.references).is_ok();
+                    debug_assert!(has_room, "no more are tried at a stop");
+                    if why != Refusal::Undetermined {
                         self.doubt(&frame, table);
                     }
-                    _ => {}
                 }
                 debug!("nothing that was measured can be estimated together");
                 Some(None)
@@ -584,17 +579,10 @@ impl<'m> Estimate<'m> {
             self.rejected = Some(worst.address);
         }
         let again = core::mem::take(&mut self.again);
-        // Both references doubt their poses: all poses hang on them.
-        let is_doubted = |address: &MemberAddress| {
-            let entry = table.iter().find(|entry| entry.address == *address);
-            let report = entry.and_then(|entry| entry.report);
-            report.is_some_and(|report| report.status() == Status::Doubtful)
-        };
-        let is_frame_doubted = frame.references.iter().all(is_doubted);
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
-            let Some(mut report) = self.report(camera, &frame, solution, is_frame_doubted) else {
+            let Some(mut report) = self.report(camera, &frame, solution) else {
                 continue;
             };
             if !is_believed {
@@ -699,7 +687,6 @@ impl<'m> Estimate<'m> {
         camera: usize,
         frame: &Frame,
         solution: &JointSolution<f32>,
-        is_frame_doubted: bool,
     ) -> Option<Report> {
         let known = *self
             .cameras
@@ -736,10 +723,8 @@ impl<'m> Estimate<'m> {
         // A camera that hangs upside down fits what is left. A moved one is not believed either.
         // The camera itself knows which pose is good enough, and checked.
         let is_outvoted = !is_consensus(count, came, true);
-        let is_doubtful = is_outvoted
-            || is_frame_doubted
-            || self.estimator.is_ambiguous(camera)
-            || (since.is_some() && !is_found);
+        let is_doubtful =
+            is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
         let state = if solution.fit.is_bad() || is_doubtful {
             CameraState::Doubtful(parts)
         } else {

@@ -147,7 +147,6 @@ pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
         Action::StickCamera { .. } => "stuck camera",
         Action::Daylight { .. } => "daylight",
         Action::BumpCamera { node, .. } if bumps[&node] >= SAGS => "sagging mount",
-        Action::BumpCamera { .. } if event.at_s <= systematic::AT_ONCE_S => "exchanged references",
         Action::BumpCamera { node, .. } if is_reference(scenario, node) => "bumped reference",
         Action::BumpCamera { .. } => "bumped camera",
         Action::Slip { .. } => "slip",
@@ -308,13 +307,12 @@ mod tests {
         assert_eq!(with_others, SYSTEMATIC.into());
     }
 
-    const SYSTEMATIC: [&str; 9] = [
+    const SYSTEMATIC: [&str; 8] = [
         "wrong lens",
         "wrong lenses, all alike",
         "wrong centre",
         "wrong baseline",
         "sagging mount",
-        "exchanged references",
         "wrong radius of the ball",
         "two targets of a colour",
         "glare beside the ball",

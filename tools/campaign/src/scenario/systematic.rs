@@ -8,9 +8,6 @@ use super::{SAGS, between, happens, short};
 /// Steps in which a mount gives way, at most.
 const MOST_SAGS: usize = 12;
 
-/// Time by which an exchange has happened: before anything is measured.
-pub(super) const AT_ONCE_S: f64 = 0.1;
-
 /// Kinds of systematic faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
@@ -24,8 +21,6 @@ enum Kind {
     Baseline,
     /// A mount gives way, a little at a time.
     Sagging,
-    /// The references' numbers are exchanged.
-    Exchanged,
     /// The ball is larger or smaller than told: all ranges are off.
     Ball,
     /// Two targets look the same.
@@ -34,10 +29,10 @@ enum Kind {
     Glare,
 }
 
-use Kind::{Ball, Baseline, Centre, Exchanged, Glare, Lens, Sagging, SameColour, Sheet};
+use Kind::{Ball, Baseline, Centre, Glare, Lens, Sagging, SameColour, Sheet};
 
-const KINDS: [Kind; 9] = [
-    Lens, Sheet, Centre, Baseline, Sagging, Exchanged, Ball, SameColour, Glare,
+const KINDS: [Kind; 8] = [
+    Lens, Sheet, Centre, Baseline, Sagging, Ball, SameColour, Glare,
 ];
 
 /// Between two sizes, to either side.
@@ -108,27 +103,6 @@ pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, walk_s: f64) 
                         turn_deg,
                     },
                 });
-            }
-        }
-        Exchanged => {
-            let pose = |id| {
-                network
-                    .camera(id)
-                    .and_then(|c| Some((c.place()?, c.heading_deg?)))
-            };
-            if let Some((a, b)) = pose(first).zip(pose(second)) {
-                for (node, (from, heading), (to, other)) in [(first, a, b), (second, b, a)] {
-                    let by = (to - from).map(short);
-                    let turn = (other - heading + 180.0).rem_euclid(360.0) - 180.0;
-                    scenario.events.push(ScriptedEvent {
-                        at_s: AT_ONCE_S,
-                        action: Action::BumpCamera {
-                            node,
-                            by: by.into(),
-                            turn_deg: short(turn),
-                        },
-                    });
-                }
             }
         }
         Ball => {
