@@ -103,7 +103,7 @@ fn attempted(random: &mut ChaCha8Rng, number: u64, draw: Draw) -> Result<Scenari
     }
     if is_systematic {
         let walk_s = faults::walk_s(&scenario);
-        systematic::draw(random, &mut scenario, walk_s);
+        systematic::draw(random, &mut scenario, walk_s, draw);
     }
     complete(&scenario)
 }

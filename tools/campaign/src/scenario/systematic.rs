@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt, seq::IndexedRandom};
 use site::{Action, ModelTable, PlacedCamera, Scenario, ScriptedEvent};
 
-use super::{SAGS, between, happens, short};
+use super::{Draw, SAGS, between, happens, short};
 
 /// Steps in which a mount gives way, at most.
 const MOST_SAGS: usize = 12;
@@ -32,8 +32,12 @@ enum Kind {
 use Kind::{Ball, Baseline, Centre, Glare, Lens, Sagging, SameColour, Sheet};
 
 const KINDS: [Kind; 8] = [
-    Lens, Sheet, Centre, Baseline, Sagging, Ball, SameColour, Glare,
+    Lens, Sheet, Centre, Baseline, Sagging, SameColour, Glare, Ball,
 ];
+
+/// The first of them come with daily faults too. A wrong radius deceives cameras: nothing in a network is told how well
+/// it is known.
+const DAILY: usize = 7;
 
 /// Between two sizes, to either side.
 fn either(random: &mut impl Rng, least: f64, most: f64) -> f64 {
@@ -48,8 +52,13 @@ fn wider(view_deg: f64, share: f64) -> f64 {
 }
 
 /// Draws one of them for a scenario that has its stops, in a walk of so many seconds.
-pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, walk_s: f64) {
-    let kind = *KINDS.choose(random).unwrap_or(&Lens);
+pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, walk_s: f64, drawn: Draw) {
+    let kinds = match drawn {
+        Draw::Daily => KINDS.get(..DAILY),
+        Draw::Systematic => KINDS.get(..),
+    };
+    let kind = kinds.and_then(|kinds| kinds.choose(random));
+    let kind = kind.copied().unwrap_or(Lens);
     let view = scenario.camera.field_of_view_deg();
     let middle = f64::from(scenario.camera.size()[0] - 1) / 2.0;
     let network = &mut scenario.networks[0];
