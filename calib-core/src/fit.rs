@@ -10,6 +10,9 @@ use crate::{
     numerics::real::{lit, root},
 };
 
+/// Sigmas that a normal error exceeds once in a thousand, to one side.
+pub const RARE: f64 = 3.09;
+
 /// Agreement of measurements with an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -2,7 +2,11 @@
 
 use core::fmt;
 
-use crate::{Pose, Real, Refusal, fit::Fit};
+use crate::{
+    Pose, Real, Refusal,
+    fit::{Fit, RARE},
+    numerics::real::lit,
+};
 
 /// Status of a camera. Only [`Status::Calibrated`] counts as calibrated, anywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -80,5 +84,12 @@ impl<T: Real> Limits<T> {
     /// Returns true if a pose is as certain as that.
     pub fn allow(&self, pose: &Pose<T>) -> bool {
         pose.sigma_position() <= self.position && pose.sigma_heading() <= self.heading
+    }
+
+    /// Returns true if a pose with these protection levels is checked: with one wrong measurement it errs no more
+    /// than the least certain pose that is allowed may err by chance.
+    pub fn tolerate(&self, position: T, heading: T) -> bool {
+        let rare = lit::<T>(RARE);
+        position <= self.position * rare && heading <= self.heading * rare
     }
 }

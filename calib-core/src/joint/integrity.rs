@@ -21,7 +21,7 @@ use super::{
     problem::{NONE, Problem, Quantity, REFERENCES, Sight, Standing, Suspect, Told},
     residuals::UNCHECKED,
 };
-use crate::{Real, Refusal, numerics::real::lit};
+use crate::{Real, Refusal, fit::RARE, numerics::real::lit};
 
 /// Strength of a statistic that chance exceeds once in 100,000: 4.42 sigmas of a single one.
 const LIMIT: f64 = 11.51;
@@ -30,9 +30,7 @@ const LIMIT: f64 = 11.51;
 const SUSPICION: f64 = 4.6;
 /// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
 /// exceed them to be missed once in a thousand.
-const DETECTED: f64 = 4.42 + 3.09;
-/// Noise exceeds so many sigmas once in a thousand, on both sides of a position's.
-const NOISE: f64 = 3.09;
+const DETECTED: f64 = 4.42 + RARE;
 /// Redundancies below this count as this much.
 const LEAST_REDUNDANCY: f64 = 1e-4;
 /// Bearings of a camera, one after the other, that are off: it is no longer what it was.
@@ -45,6 +43,11 @@ const OF_LEG: f64 = 0.95;
 const OF_TAIL: f64 = 0.9;
 /// The legs' claim is believed while the sum of their squares is within so many of its sigmas.
 const BELIEVED: f64 = 2.0;
+/// A claim is far too small where more than half of the legs err by more than twice of what half of them may: chi
+/// squared of one and of two degrees of freedom.
+const LOOSE: [f64; 2] = [4.0 * 0.455, 4.0 * 1.386];
+/// So many legs at least tell that.
+const LOOSE_LEGS: usize = 6;
 /// The legs' claimed variance counts as much as so many residuals.
 const PSEUDO_SAMPLES: f64 = 6.0;
 
@@ -93,6 +96,9 @@ pub(super) struct Survey<T> {
     /// The sum of the legs' squared residuals, in claimed sigmas, and its expectation.
     squares: T,
     redundancy: T,
+    /// Legs that are checked, and those that err by [much more](LOOSE) than they claim.
+    legs: usize,
+    loose: usize,
     /// The next step once all measurements were looked at: the last sights of this camera.
     tail: Option<usize>,
 }
@@ -146,6 +152,8 @@ impl<T: Real> Problem<'_, T> {
             leg: None,
             squares: T::zero(),
             redundancy: T::zero(),
+            legs: 0,
+            loose: 0,
             tail: None,
         }
     }
@@ -230,6 +238,11 @@ impl<T: Real> Problem<'_, T> {
             }
             survey.squares += leg.squared;
             survey.redundancy += leg.redundancy;
+            let loose = leg.degrees_of_freedom.checked_sub(1);
+            if let Some(loose) = loose.and_then(|degrees| LOOSE.get(degrees)) {
+                survey.legs += 1;
+                survey.loose += usize::from(leg.chi_squared > lit(*loose));
+            }
             let found = Finding::Leg {
                 stop: leg.stop,
                 chi_squared: leg.chi_squared,
@@ -263,7 +276,7 @@ impl<T: Real> Problem<'_, T> {
         let (Some(()), Ok(pose)) = (told, self.pose(camera)) else {
             return;
         };
-        let noise = lit::<T>(NOISE);
+        let noise = lit::<T>(RARE);
         for level in [&mut levels.position_bearing, &mut levels.position_leg] {
             *level += pose.sigma_position() * noise;
         }
@@ -548,6 +561,17 @@ impl<T: Real> Problem<'_, T> {
                 sight.standing = Standing::Distrusted;
             }
         }
+    }
+
+    /// Doubles the noise of all legs if most of them err by far more than they claim. Before anything is left out: else
+    /// good bearings go one after the other until the rest fits the claim. A single wrong leg, or a camera that was
+    /// moved, is off for few legs. Returns true if that changes anything.
+    pub(super) fn loosen_legs(&mut self, survey: &Survey<T>) -> bool {
+        let is_loose = survey.legs >= LOOSE_LEGS && 2 * survey.loose > survey.legs;
+        if is_loose {
+            self.common.leg_factor *= lit(2.0);
+        }
+        is_loose
     }
 
     /// Estimates from the legs' own residuals by how much they err more, or less, than they claim; the claim

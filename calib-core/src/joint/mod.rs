@@ -187,10 +187,18 @@ impl Capacity {
 }
 
 /// Returns true if a camera is believed of which so many of all its sightings count: two of three. Fewer agree by
-/// chance, as those of a camera that hangs upside down.
-pub const fn is_consensus(counting: usize, all: usize) -> bool {
-    3 * counting >= 2 * all
+/// chance, as those of a camera that hangs upside down. Where nothing checks the pose it takes four of five: half of
+/// the places that a camera saw before it was turned fit a pose that is neither the former nor the present one.
+pub const fn is_consensus(counting: usize, all: usize, is_checked: bool) -> bool {
+    if is_checked || all < MANY {
+        3 * counting >= 2 * all
+    } else {
+        5 * counting >= 4 * all
+    }
 }
+
+/// With fewer sightings, one that is left out is more than a fifth of them.
+const MANY: usize = 5;
 
 /// An unknown that the measurements do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

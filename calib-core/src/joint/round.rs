@@ -172,6 +172,11 @@ impl<T: Real> Work<T> {
         problem: &mut Problem<'_, T>,
         survey: &Survey<T>,
     ) -> Result<Progress<T>, JointError> {
+        if self.round.findings > 0 && self.leg_noise_rounds > 1 && problem.loosen_legs(survey) {
+            self.leg_noise_rounds -= 1;
+            self.stage = Stage::Settling(problem.begin_settling());
+            return Ok(Progress::Working);
+        }
         if self.round.findings > 0 && problem.widen_priors(survey) {
             self.stage = Stage::Settling(problem.begin_settling());
             return Ok(Progress::Working);

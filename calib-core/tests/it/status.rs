@@ -1,6 +1,6 @@
 //! Each status, on both sides of its boundary.
 
-use calib_core::{Limits, Pose, Refusal, Status, fit::Fit};
+use calib_core::{Limits, Pose, Refusal, Status, fit::Fit, joint::is_consensus};
 use nalgebra::{Matrix3, Point2};
 
 const LIMITS: Limits<f64> = Limits {
@@ -83,4 +83,32 @@ fn one_spelling() {
         #[cfg(feature = "serde")]
         assert_eq!(serde_json::to_value(status).unwrap(), name);
     }
+}
+
+/// Two of three agree where the pose is checked, and otherwise four of five from five on.
+#[test]
+fn a_pose_needs_sightings_that_agree() {
+    for (counting, all, checked, unchecked) in [
+        (3, 3, true, true),
+        (3, 4, true, true),
+        (2, 3, true, true),
+        (2, 4, false, false),
+        (4, 5, true, true),
+        (7, 9, true, false),
+        (11, 16, true, false),
+        (13, 16, true, true),
+        (10, 16, false, false),
+    ] {
+        let told = [true, false].map(|is_checked| is_consensus(counting, all, is_checked));
+        assert_eq!(told, [checked, unchecked], "{counting} of {all}");
+    }
+}
+
+/// 3.09 sigmas are exceeded once in a thousand.
+#[test]
+fn a_checked_pose_errs_as_little_as_a_calibrated_one() {
+    assert!(LIMITS.tolerate(1.544, 0.308));
+    assert!(!LIMITS.tolerate(1.546, 0.308));
+    assert!(!LIMITS.tolerate(1.544, 0.31));
+    assert!(!LIMITS.tolerate(f64::MAX, f64::MAX));
 }

@@ -32,8 +32,11 @@ pub use self::{
 };
 
 use calib_core::{
-    Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
-    joint::ProtectionLevels,
+    Limits, Pose, Ray, Real, Refusal, Status,
+    camera::Projection,
+    dead_reckoning::Place,
+    fit::Fit,
+    joint::{ProtectionLevels, is_consensus},
 };
 use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
@@ -445,6 +448,11 @@ impl ProtectionLevel {
         heading: f32::MAX,
     };
 
+    /// Returns true if a pose that may be so far off is [checked](Limits::tolerate) all the same.
+    pub fn is_tolerated(&self, limits: &Limits<f32>) -> bool {
+        limits.tolerate(self.position, self.heading)
+    }
+
     /// Returns true if both numbers are finite and not below zero.
     pub fn is_usable(&self) -> bool {
         all_finite([&self.position, &self.heading]) && self.position >= 0.0 && self.heading >= 0.0
@@ -545,6 +553,19 @@ impl CameraState {
         match self {
             Self::Calibrated(parts) | Self::Weak(parts) => {
                 Self::judged(parts, &Fit::default(), limits)
+            }
+            other => other,
+        }
+    }
+
+    /// The same, doubtful if too few of all sightings [agree](is_consensus) with a pose.
+    #[must_use]
+    pub fn supported(self, counting: usize, all: usize, is_checked: bool) -> Self {
+        match self {
+            Self::Calibrated(parts) | Self::Weak(parts)
+                if !is_consensus(counting, all, is_checked) =>
+            {
+                Self::Doubtful(parts)
             }
             other => other,
         }

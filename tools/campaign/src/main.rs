@@ -13,7 +13,8 @@ use anyhow::Context;
 use campaign::{
     judgement::{Judgement, Kind, judge},
     minimal::minimal,
-    runs, scenario,
+    runs::{self, Outcome},
+    scenario::{self, Draw},
     tally::Tally,
 };
 use clap::Parser;
@@ -56,9 +57,21 @@ struct Arguments {
     /// Share of the cameras that saw enough which need not be calibrated
     #[arg(long, default_value_t = 0.0)]
     late: f64,
+    /// Faults that are drawn
+    #[arg(long, value_enum, default_value_t)]
+    draw: Draw,
+    /// Writes the record of each run to this folder: `host-sim solve-network` reads it
+    #[arg(long, value_name = "FOLDER")]
+    records: Option<PathBuf>,
     /// Where scenarios are written
     #[arg(long, default_value = "target/campaign")]
     folder: PathBuf,
+}
+
+impl Arguments {
+    fn scenario(&self, number: u64) -> site::Scenario {
+        scenario::draw(self.seed, number, self.draw)
+    }
 }
 
 fn main() -> anyhow::Result<ExitCode> {
@@ -71,10 +84,20 @@ fn main() -> anyhow::Result<ExitCode> {
     }
 }
 
-fn judged(seed: u64, number: u64) -> anyhow::Result<Judgement> {
-    let drawn = scenario::draw(seed, number);
+/// The judgement of a run, and what was unusual about it.
+fn judged(
+    arguments: &Arguments,
+    number: u64,
+) -> anyhow::Result<(Judgement, BTreeSet<&'static str>)> {
+    let drawn = arguments.scenario(number);
     let outcome = runs::run(&drawn).with_context(|| format!("run {number} is not possible"))?;
-    Ok(judge(&drawn, &outcome))
+    if let (Some(folder), Outcome::Ended { record, .. }) = (&arguments.records, &outcome) {
+        std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
+        let path = folder.join(format!("{number}.json"));
+        std::fs::write(&path, record.to_json(false)?)
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok((judge(&drawn, &outcome), scenario::ingredients(&drawn)))
 }
 
 fn write(folder: &Path, name: &str, scenario: &site::Scenario) -> anyhow::Result<PathBuf> {
@@ -86,10 +109,10 @@ fn write(folder: &Path, name: &str, scenario: &site::Scenario) -> anyhow::Result
 }
 
 fn only(arguments: &Arguments, number: u64) -> anyhow::Result<ExitCode> {
-    let drawn = scenario::draw(arguments.seed, number);
+    let drawn = arguments.scenario(number);
     let path = write(&arguments.folder, &format!("{number}.toml"), &drawn)?;
     println!("host-sim run {} --seed {}", path.display(), drawn.seed);
-    let judgement = judged(arguments.seed, number)?;
+    let (judgement, _) = judged(arguments, number)?;
     for failure in &judgement.failures {
         println!("{failure}");
     }
@@ -105,7 +128,7 @@ fn minimise(
     number: u64,
     kind: Kind,
 ) -> anyhow::Result<BTreeSet<&'static str>> {
-    let (least, judgement) = minimal(&scenario::draw(arguments.seed, number), kind);
+    let (least, judgement) = minimal(&arguments.scenario(number), kind);
     let name = format!("{number}-{kind:?}.toml").to_lowercase();
     let path = write(&arguments.folder, &name, &least)?;
     println!(
@@ -130,14 +153,13 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {eta} left, {msg}")?;
     let bar = ProgressBar::new(arguments.runs).with_style(style);
     let (mut tally, mut impossible) = (Tally::default(), None);
-    let seed = arguments.seed;
     runs::side_by_side(
         numbers,
         jobs.unwrap_or(NonZeroUsize::MIN),
-        |number| judged(seed, number),
+        |number| judged(arguments, number),
         |number, judgement| {
             match judgement {
-                Ok(judgement) => tally.add(number, &judgement),
+                Ok((judgement, ingredients)) => tally.add(number, &judgement, &ingredients),
                 Err(error) => impossible = Some(error),
             }
             let deceived = tally.failing(Kind::Deceives).len();
@@ -149,7 +171,7 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let Some(error) = impossible {
         return Err(error);
     }
-    println!("seed {seed}, {tally}");
+    println!("seed {}, {tally}", arguments.seed);
     let mut fails = false;
     for kind in Kind::ALL {
         let failing = tally.failing(kind);

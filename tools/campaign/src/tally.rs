@@ -1,6 +1,9 @@
 //! Counts over all runs.
 
-use std::{collections::BTreeMap, fmt};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt,
+};
 
 use calib_core::Status;
 use comfy_table::{Table, presets::ASCII_MARKDOWN};
@@ -27,11 +30,52 @@ pub struct Tally {
     /// Errors of the poses that are told as good, where the place was not given.
     errors: Vec<f64>,
     worst: BTreeMap<Kind, (u64, f64, Failure)>,
+    /// The runs that had something unusual, by its name.
+    with: BTreeMap<&'static str, With>,
+}
+
+/// Counts over some of the runs.
+#[derive(Clone, Copy, Debug, Default)]
+struct With {
+    runs: usize,
+    calibrated: usize,
+    deceived: usize,
+    cameras: usize,
+    false_alarms: usize,
+    saw_enough: usize,
+    late: usize,
+}
+
+impl With {
+    fn add(&mut self, judgement: &Judgement) {
+        let cameras = || judgement.cameras.iter();
+        let failures = |kinds: &[Kind]| {
+            let failures = judgement.failures.iter();
+            failures
+                .filter(|failure| kinds.contains(&failure.kind()))
+                .count()
+        };
+        self.runs += 1;
+        self.cameras += cameras().count();
+        self.calibrated += cameras().filter(|c| c.status == Status::Calibrated).count();
+        self.false_alarms += cameras().filter(|c| c.is_false_alarm).count();
+        self.saw_enough += cameras().filter(|c| c.saw_enough).count();
+        self.deceived += failures(&[Kind::Deceives, Kind::Turned]);
+        self.late += failures(&[Kind::Late]);
+    }
 }
 
 impl Tally {
-    /// Counts a run.
-    pub fn add(&mut self, number: u64, judgement: &Judgement) {
+    /// Counts a run with these ingredients.
+    pub fn add(
+        &mut self,
+        number: u64,
+        judgement: &Judgement,
+        ingredients: &BTreeSet<&'static str>,
+    ) {
+        for name in ingredients {
+            self.with.entry(name).or_default().add(judgement);
+        }
         self.runs += 1;
         for camera in &judgement.cameras {
             self.cameras += 1;
@@ -111,6 +155,33 @@ impl Tally {
     }
 }
 
+impl Tally {
+    /// A run has several causes, and counts with each.
+    fn write_causes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut table = Table::new();
+        table.load_style(ASCII_MARKDOWN);
+        table.set_header([
+            "runs with",
+            "runs",
+            "calibrated",
+            "deceived",
+            "false alarms",
+            "late",
+        ]);
+        for (name, with) in &self.with {
+            table.add_row([
+                (*name).to_owned(),
+                with.runs.to_string(),
+                with.calibrated.to_string(),
+                share(with.deceived, with.calibrated),
+                share(with.false_alarms, with.cameras),
+                share(with.late, with.saw_enough),
+            ]);
+        }
+        writeln!(f, "{table}")
+    }
+}
+
 /// Percentage points of a standard normal distribution that 95 % are within.
 const Z: f64 = 1.96;
 
@@ -124,6 +195,10 @@ fn interval(part: usize, of: usize) -> [f64; 2] {
     let width = Z * (share * (1.0 - share) / count + Z * Z / (4.0 * count * count)).sqrt();
     let scale = 1.0 + Z * Z / count;
     [middle - width, middle + width].map(|bound| (bound / scale).clamp(0.0, 1.0))
+}
+
+fn share(part: usize, of: usize) -> String {
+    format!("{part}, {:.1} %", 100.0 * part as f64 / of.max(1) as f64)
 }
 
 fn percent(part: usize, of: usize) -> String {
@@ -192,6 +267,7 @@ impl fmt::Display for Tally {
             self.quantile(0.99),
             self.quantile(1.0)
         )?;
+        self.write_causes(f)?;
         for kind in Kind::ALL {
             let runs = self.failing(kind);
             if runs.is_empty() {

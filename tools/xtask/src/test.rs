@@ -448,7 +448,7 @@ fn bench(sh: &Shell) -> Result<()> {
 /// unseen.
 fn campaign(sh: &Shell) -> Result<()> {
     let program = harness::program(sh, "campaign")?;
-    let reached = ["--deceiving", "0.02", "--late", "0.15"];
+    let reached = ["--deceiving", "0.005", "--late", "0.12"];
     cmd!(sh, "{program} --runs 100 --minimise 0 {reached...}").run()?;
     Ok(())
 }

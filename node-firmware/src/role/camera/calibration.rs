@@ -134,7 +134,7 @@ impl Calibration {
             {
                 CameraState::Doubtful(parts)
             }
-            state => state,
+            state => state.supported(solution.used, self.kept.len(), false),
         };
         Ok(Answer {
             state,

@@ -354,7 +354,15 @@ impl CameraRole {
         // The camera sees through another lens than all believe: its own result counts.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
             Some(state) if report.duty.is_none() => state,
-            _ => solved.state.judged_again(&self.config.weak.limits()),
+            _ => {
+                let limits = self.config.weak.limits();
+                let is_checked = solved
+                    .joint
+                    .is_some_and(|level| level.is_tolerated(&limits));
+                let [counting, all] = [solved.used, solved.sightings].map(usize::from);
+                let state = solved.state.judged_again(&limits);
+                state.supported(counting, all, is_checked)
+            }
         };
         let state = match state {
             CameraState::Calibrated(pose) | CameraState::Weak(pose) if self.is_watched_doubtful => {

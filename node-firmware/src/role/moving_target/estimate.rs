@@ -8,6 +8,7 @@
 use calib_core::{
     Pose, Refusal, Status, angle,
     dead_reckoning::{Step, Systematic},
+    fit::RARE,
     joint::{
         BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
         JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, is_consensus,
@@ -67,9 +68,6 @@ const LOST_STOPS: usize = 12;
 
 /// Pairs of cameras between which a frame is tried at one stop.
 const FAILED: usize = 6;
-
-/// Sigmas that noise exceeds once in a thousand.
-const NOISE: f32 = 3.09;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
@@ -707,8 +705,8 @@ impl<'m> Estimate<'m> {
             let level = ProtectionLevel::from(levels);
             let place = frame.covariance(pose.position).trace();
             ProtectionLevel {
-                position: level.position + NOISE * root(place),
-                heading: level.heading + NOISE * root(frame.turned()),
+                position: level.position + RARE as f32 * root(place),
+                heading: level.heading + RARE as f32 * root(frame.turned()),
             }
         });
         let mut in_site = frame.in_site(&Pose {
@@ -723,10 +721,10 @@ impl<'m> Estimate<'m> {
         let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
         // A camera that hangs upside down fits what is left. A moved one is not believed either.
-        let is_outvoted = !is_consensus(count, came);
+        // The camera itself knows which pose is good enough, and checked.
+        let is_outvoted = !is_consensus(count, came, true);
         let is_doubtful =
             is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
-        // The camera itself knows which pose is good enough.
         let state = if solution.fit.is_bad() || is_doubtful {
             CameraState::Doubtful(parts)
         } else {

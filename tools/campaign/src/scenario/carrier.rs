@@ -27,7 +27,8 @@ pub(super) fn believed(scenario: &Scenario) -> [f64; 2] {
     ]
 }
 
-pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario) {
+/// Draws them; errors that nodes do not know only where something may come and go.
+pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario, errs_unsaid: bool) {
     // The installer has measured the carrier, or has not.
     if happens(random, 0.5) {
         scenario.firmware.systematic_scale = Some(between(random, 0.01, 0.06));
@@ -49,7 +50,7 @@ pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario) {
     (sensor.scale_bias, sensor.heading_bias_deg) = (scale, heading);
     let degrees = UNDECLARED.to_degrees();
     // Errors that nodes do not know, one or the other.
-    if happens(random, 0.25) {
+    if happens(random, 0.25) && errs_unsaid {
         match random.random_range(0..3) {
             0 => sensor.scale_bias = between(random, -UNDECLARED, UNDECLARED),
             1 => sensor.heading_bias_deg = between(random, -degrees, degrees),

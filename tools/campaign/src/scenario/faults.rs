@@ -28,7 +28,7 @@ const LINES: [(&str, f64); 9] = [
 ];
 
 /// Approximate duration of the walk, seconds.
-fn walk_s(scenario: &Scenario) -> f64 {
+pub(super) fn walk_s(scenario: &Scenario) -> f64 {
     let walks = scenario.networks[0].targets.iter().map(|target| {
         let stops = target.stops.as_deref().unwrap_or_default();
         let legs = stops.windows(2);

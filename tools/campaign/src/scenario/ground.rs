@@ -5,7 +5,7 @@ use std::{f64::consts::PI, fmt::Write};
 use nalgebra::{Point2, Vector2};
 use rand::{Rng, RngExt};
 
-use super::{between, happens, short};
+use super::{Draw, between, happens, short};
 
 /// Units between a camera and the border of the world.
 const MARGIN: f64 = 1.0;
@@ -22,14 +22,50 @@ fn degrees(direction: Vector2<f64>) -> f64 {
     direction.y.atan2(direction.x).to_degrees()
 }
 
+/// Shape of a site.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ground {
+    /// Cameras anywhere on a square, and references that look at it well.
+    Square,
+    /// Cameras along the walls of a hall, about twice as long as it is wide.
+    Hall,
+    /// Cameras along the walls of a corridor.
+    Corridor,
+}
+
+impl Ground {
+    /// Width of a building; its length comes from the number of its cameras.
+    fn width(self, random: &mut impl Rng) -> f64 {
+        match self {
+            Self::Corridor => between(random, 4.0, 5.5),
+            Self::Square | Self::Hall => between(random, 7.0, 11.0),
+        }
+    }
+}
+
 /// The file of a site on which all goes well.
-pub(super) fn text(random: &mut impl Rng, number: u64) -> String {
+pub(super) fn text(random: &mut impl Rng, number: u64, draw: Draw) -> String {
     let cameras = match random.random_range(0..10) {
         0..6 => random.random_range(3..=6),
         6..9 => random.random_range(7..=10),
         _ => random.random_range(11..=16),
     };
     let side = short((cameras as f64).sqrt() * random.random_range(4.0..6.5)).max(11.0);
+    let ground = match draw {
+        Draw::Daily => Ground::Square,
+        Draw::Systematic => match random.random_range(0..3) {
+            0 => Ground::Square,
+            1 => Ground::Hall,
+            _ => Ground::Corridor,
+        },
+    };
+    let [length, width] = match ground {
+        Ground::Square => [side; 2],
+        Ground::Hall | Ground::Corridor => {
+            let width = ground.width(random);
+            [short((cameras as f64 * 2.5).max(2.0 * width)), width]
+        }
+    };
     let view = between(random, 45.0, 80.0);
     let range = between(random, 7.0, 14.0);
     let seed: u32 = random.random();
@@ -37,11 +73,11 @@ pub(super) fn text(random: &mut impl Rng, number: u64) -> String {
     let [speed, arrive] = [between(random, 0.2, 0.8), between(random, 0.01, 0.05)];
     let mut text = format!(
         "name = \"campaign-{number}\"\nseed = {seed}\nstops = {stops}\n\
-         [world]\nlow = [0.0, 0.0]\nhigh = [{side:?}, {side:?}]\n"
+         [world]\nlow = [0.0, 0.0]\nhigh = [{length:?}, {width:?}]\n"
     );
     if happens(random, 0.25) {
         for _ in 0..random.random_range(1..=3) {
-            let [x, y] = [(); 2].map(|()| between(random, 1.0, side - 1.0));
+            let [x, y] = [length, width].map(|most| between(random, 1.0, most - 1.0));
             let radius = between(random, 0.1, 0.4);
             let pillar = format!("{{ x = {x:?}, y = {y:?}, radius = {radius:?} }}");
             let _ = write!(text, "[[world.obstacle]]\npillar = {pillar}\n");
@@ -54,7 +90,11 @@ pub(super) fn text(random: &mut impl Rng, number: u64) -> String {
          [[network]]\nchannel = 15\n"
     );
     let _ = write!(text, "references = {}\ncamera = [\n", references(random));
-    for (id, (place, heading)) in (1..).zip(places(random, cameras, side)) {
+    let places = match ground {
+        Ground::Square => places(random, cameras, side),
+        Ground::Hall | Ground::Corridor => along_walls(random, cameras, [length, width]),
+    };
+    for (id, (place, heading)) in (1..).zip(places) {
         let [x, y, heading] = [place.x, place.y, heading.rem_euclid(360.0)].map(short);
         let _ = writeln!(
             text,
@@ -105,5 +145,33 @@ fn places(random: &mut impl Rng, cameras: usize, side: f64) -> Vec<(Point2<f64>,
         let inwards = degrees(Point2::new(middle, middle) - place);
         all.push((place, inwards + any(-60.0, 60.0)));
     }
+    all
+}
+
+/// The same along the two long walls of a building, by turns, looking across and along it. The references are next
+/// to each other, as where the first two that were at hand were taken.
+fn along_walls(
+    random: &mut impl Rng,
+    cameras: usize,
+    [length, width]: [f64; 2],
+) -> Vec<(Point2<f64>, f64)> {
+    let apart = (length - 2.0 * MARGIN) / (cameras as f64 - 1.0);
+    let along = |place: usize, off: f64| {
+        let x = MARGIN + apart * (place as f64 + off);
+        x.clamp(MARGIN, length - MARGIN)
+    };
+    let camera = |place: usize| {
+        let off = random.random_range(-0.3..0.3);
+        let (y, across) = match place % 2 {
+            0 => (0.3, 90.0),
+            _ => (width - 0.3, 270.0),
+        };
+        let turned = random.random_range(-50.0..50.0);
+        (Point2::new(along(place, off), y), across + turned)
+    };
+    let mut all: Vec<_> = (0..cameras).map(camera).collect();
+    // Somewhere in the building.
+    let first = random.random_range(0..cameras - 1);
+    all.rotate_left(first);
     all
 }

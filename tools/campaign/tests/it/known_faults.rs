@@ -12,7 +12,7 @@ use std::{
 use campaign::{
     judgement::{Failure, deceives},
     runs::{Outcome, run},
-    scenario,
+    scenario::{self, Draw},
 };
 use results::record::RunRecord;
 use site::{Overrides, Scenario};
@@ -93,7 +93,7 @@ fn known_faults_deceive_nobody() {
 
 #[test]
 fn a_written_scenario_runs_as_the_drawn_one() {
-    let drawn = scenario::draw(1, 3);
+    let drawn = scenario::draw(1, 3, Draw::Daily);
     let read = Scenario::from_toml(&scenario::text(&drawn), &Overrides::default()).unwrap();
     assert_eq!(
         record(&drawn).to_json(false).unwrap(),

@@ -193,9 +193,7 @@ impl Walk<'_> {
             })
             .collect();
         told.mirrored = !reference && fit_mirrored(&sightings);
-        let is_outvoted = !is_consensus(told.used, told.bearings);
-        let contradicts =
-            is_bad || told.mirrored || is_outvoted || output.findings.iter().any(is_off);
+        let has_moved = output.findings.iter().any(is_off);
         if let Some(pose) = output.poses[camera] {
             told.estimate = Estimate::new(&pose);
             told.protection = output.protections[camera].map(|levels| Protection {
@@ -205,6 +203,8 @@ impl Walk<'_> {
             told.redundancy = least;
             let limits = limits(settings, part.input.baseline);
             told.checked = told.protection.is_some_and(|level| limits.tolerate(&level));
+            let is_outvoted = !is_consensus(told.used, told.bearings, told.checked);
+            let contradicts = is_bad || told.mirrored || is_outvoted || has_moved;
             let is_weak = { settings.max_sigma }
                 .is_some_and(|most| !reference && pose.sigma_position() > most);
             (told.status, told.reason) = if contradicts || is_other {
@@ -219,6 +219,8 @@ impl Walk<'_> {
         // Why its bearings give no pose.
         if sightings.len() >= 3 {
             let why = resection::solve(&sightings).err();
+            let is_outvoted = !is_consensus(told.used, told.bearings, false);
+            let contradicts = is_bad || told.mirrored || is_outvoted || has_moved;
             let why = why.unwrap_or(if contradicts {
                 Refusal::Inconsistent
             } else {

@@ -15,13 +15,12 @@ mod checks;
 #[cfg(test)]
 mod tests;
 
+pub use calib_core::fit::RARE;
 pub use checks::{CheckStop, CheckWish, Checks, way_around};
 
 /// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
 /// exceed them to be missed once in a thousand. As [`calib_core::joint`] has them.
 const DETECTED: f64 = 4.42 + RARE;
-/// Noise exceeds so many sigmas once in a thousand.
-pub const RARE: f64 = 3.09;
 /// A redundancy below this counts as this much, as there.
 const LEAST_REDUNDANCY: f64 = 1e-4;
 /// A measurement of less redundancy than this is not checked at all, as there.
