@@ -223,10 +223,16 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     // At its first stop the target rests until the page is there, and at a later one until it was looked at.
     let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     let rest = |at_s: f64, for_s: f64| {
-        format!("\n[[event]]\nat_s = {at_s}\naction = {{ rest = {{ node = 20, for_s = {for_s} }} }}\n")
+        format!(
+            "\n[[event]]\nat_s = {at_s}\naction = {{ rest = {{ node = 20, for_s = {for_s} }} }}\n"
+        )
     };
     let site = folder.path().join("lab.toml");
-    fs::write(&site, format!("{lab}{}{}", rest(0.0, 60.0), rest(63.0, 1e6))).unwrap();
+    fs::write(
+        &site,
+        format!("{lab}{}{}", rest(0.0, 60.0), rest(63.0, 1e6)),
+    )
+    .unwrap();
     let _rehearsal = rehearsal(site.to_str().unwrap(), "10x", &[line]);
     let (_server, url) = live(&["--port", line, "--site", "lab"]);
     let browser = Browser::start(1280).await;
