@@ -102,8 +102,8 @@ pub(super) fn is_weak(camera: &Node) -> bool {
     camera.status == Some(Status::Weak) && camera.estimate.is_some()
 }
 
-/// Keeps of these stops those that help weak cameras, or that others want, and finds others for weak cameras that
-/// none of them helps.
+/// Keeps of these stops those that help weak cameras, none of them a reference, or that others want, and finds others
+/// for weak cameras that none of them helps.
 pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak: &[&Node]) -> Weak {
     let foretold = { (!weak.is_empty()).then(|| Walk::longest(record, network, true)) }.flatten();
     let Some((walk, world)) = foretold.and_then(|walk| {

@@ -52,7 +52,9 @@ pub(super) struct Proposed {
 pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Proposed {
     let stops = informative(record, network, wishes);
     let weak = wishes.iter().map(|wish| wish.camera);
-    let weak: Vec<&Node> = weak.filter(|camera| checks::is_weak(camera)).collect();
+    // Places of references are given: only their own headings can be better known.
+    let weak = weak.filter(|camera| checks::is_weak(camera) && !camera.reference);
+    let weak: Vec<&Node> = weak.collect();
     let checks::Weak { stops, instead } = checks::weak(record, network, stops, &weak);
     Proposed { stops, instead }
 }

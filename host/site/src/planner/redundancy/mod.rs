@@ -359,7 +359,7 @@ impl Redundancy {
         shares
     }
 
-    /// Most that one wrong measurement could do to each of these cameras, references left out.
+    /// Most that one wrong measurement could do to each of these cameras, none of them a reference.
     pub fn levels(&self, cameras: &[usize]) -> Vec<Level> {
         let sizes: Vec<f64> = { self.rows.iter() }
             .map(|row| {
