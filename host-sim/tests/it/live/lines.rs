@@ -230,7 +230,7 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     let site = folder.path().join("lab.toml");
     fs::write(
         &site,
-        format!("{lab}{}{}", rest(0.0, 60.0), rest(63.0, 1e6)),
+        format!("{lab}{}{}", rest(0.0, 60.0), rest(90.0, 1e6)),
     )
     .unwrap();
     let _rehearsal = rehearsal(site.to_str().unwrap(), "10x", &[line]);
