@@ -170,7 +170,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let listens = wishes.is_empty() || arguments.until_calibrated || arguments.seconds.is_some();
     let interrupted = interrupt::watch()?;
     let ports = (&arguments.port[..], arguments.baud);
-    let mut lines = Lines::open(ports, wishes, &interrupted)?;
+    let mut lines = Lines::open(ports, wishes, &interrupted)?.of_site(site.as_ref());
     if listens {
         lines = lines.with_sightings();
     }
@@ -189,11 +189,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut code = 0;
     if lines.have_answered() {
         let result = lines.record(begin.elapsed(), site.as_ref());
-        let verdict = result.as_ref().ok().map(Verdict::of);
-        if let (true, Some(verdict)) = (listens, verdict) {
+        if let (true, Ok(record)) = (listens, &result) {
+            let verdict = Verdict::of(record);
             let calibrated = verdict.expected > 0 && verdict.is_good();
             code = u8::from(!calibrated);
-            ended = and(ended, print(&format!("\n{verdict}")).map_err(Into::into));
+            let screen = arguments.outputs.screen(record, &verdict);
+            ended = and(ended, print(&format!("\n{screen}")).map_err(Into::into));
         }
         ended = and(ended, happenings.finish(result.as_ref().ok()));
         let written =

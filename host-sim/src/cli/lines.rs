@@ -119,6 +119,16 @@ impl Lines {
         })
     }
 
+    /// Tells lengths in the unit of this site.
+    pub(super) fn of_site(mut self, site: Option<&Scenario>) -> Self {
+        if let Some(site) = site {
+            for line in &mut self.all {
+                line.session.tell_in(&site.unit);
+            }
+        }
+        self
+    }
+
     /// Asks for cameras' sightings, too.
     pub(super) fn with_sightings(mut self) -> Self {
         for line in &mut self.all {

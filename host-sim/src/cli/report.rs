@@ -10,7 +10,7 @@ use results::record::{
     sweep::Sweep,
     verdict::Verdict,
 };
-use results::report::run::{run_report_with, runs_report};
+use results::report::run::runs_report;
 
 use super::{
     and,
@@ -119,7 +119,7 @@ pub(super) fn finish(
 ) -> anyhow::Result<ExitCode> {
     let verdict = Verdict::of(record);
     let mut code = verdict.exit_code();
-    let mut text = end.mark_text(run_report_with(record, &verdict));
+    let mut text = end.mark_text(outputs.screen(record, &verdict));
     if *end != End::Whole {
         code = code.max(1);
     }

@@ -9,7 +9,8 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use results::export::{self, Frame};
 use results::plot;
-use results::record::{RunRecord, difference::Difference};
+use results::record::{RunRecord, difference::Difference, verdict::Verdict};
+use results::report;
 
 use super::{and, end::End, file_name, files::Files, values, whole_file};
 
@@ -19,6 +20,9 @@ pub(super) const FOR_RESULTS: &str = "Results";
 /// Outputs of every record, of a rehearsal and of a real network.
 #[derive(Args)]
 pub(super) struct RecordOutputs {
+    /// Tell everything else too: the whole verdict, true poses, statistics, traffic, times.
+    #[arg(long)]
+    details: bool,
     /// The whole record: poses, status, errors, residuals, stops, traffic.
     #[arg(long, value_name = "FILE.json", value_parser = values::result())]
     json: Option<PathBuf>,
@@ -59,6 +63,15 @@ impl From<FrameOption> for Frame {
 }
 
 impl RecordOutputs {
+    /// The screen of a run with this verdict: the answer, and all details if they were asked for.
+    pub(super) fn screen(&self, record: &RunRecord, verdict: &Verdict) -> String {
+        let answer = report::run::answer(record, verdict);
+        match self.details {
+            true => format!("{answer}\n{}", report::run::details(record, verdict)),
+            false => answer,
+        }
+    }
+
     /// Finds out which files cannot be written before there is anything to write. There may be other
     /// files besides.
     pub(super) fn check<'a>(&'a self, others: Files<'a>) -> anyhow::Result<()> {
@@ -156,6 +169,11 @@ impl RunOutputs {
 }
 
 impl Prepared<'_> {
+    /// The screen of a run with this verdict.
+    pub(super) fn screen(&self, record: &RunRecord, verdict: &Verdict) -> String {
+        self.outputs.record.screen(record, verdict)
+    }
+
     /// Writes the outputs that were asked for. Each failure is told or returned, and none keeps the
     /// others from being written.
     pub(super) fn write(&self, record: &RunRecord, end: &End) -> anyhow::Result<()> {

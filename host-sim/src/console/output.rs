@@ -7,28 +7,28 @@ use results::record::{Estimate, verdict::half_turn};
 use results::report::table::Words;
 use results::view::NetworkView;
 
-/// The members as a table. Lengths are in the unit in which the site was configured.
+/// The members as a table. It has no places: those are in a frame that only the record knows.
 pub fn table(known: &NetworkView) -> String {
+    let unit = known.unit();
+    let of_length = |name: &str| format!("{name}\n[{unit}]");
+    let of_angle = |name: &str| format!("{name}\n[deg]");
     let mut table = Table::new();
     table.load_style(ASCII_MARKDOWN).set_header([
-        "id",
-        "address",
-        "kind",
-        "status",
-        "x",
-        "+/-",
-        "y",
-        "+/-",
-        "heading",
-        "+/- [deg]",
-        "checked to",
-        "sightings",
+        "id".to_owned(),
+        "address".to_owned(),
+        "kind".to_owned(),
+        "status".to_owned(),
+        of_length("sigma"),
+        of_angle("sigma"),
+        of_length("fault"),
+        of_angle("fault"),
+        "seen".to_owned(),
     ]);
     for member in known.present() {
         let estimate = member.estimate();
-        let number = |value: fn(&Estimate) -> f64, digits: usize| match &estimate {
-            Some(estimate) => format!("{:.digits$}", value(estimate)),
-            None => "-".to_owned(),
+        let level = member.protection();
+        let number = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
         };
         let reference = if member.is_reference() {
             ", reference"
@@ -44,22 +44,16 @@ pub fn table(known: &NetworkView) -> String {
             format!("{:04x}", member.address),
             format!("{}{reference}", member.kind_name()),
             status,
-            number(|e| e.x, 3),
-            number(|e| e.sigma_x, 3),
-            number(|e| e.y, 3),
-            number(|e| e.sigma_y, 3),
-            number(|e| e.heading_deg, 2),
-            number(|e| e.sigma_heading_deg, 2),
-            member.protection().map_or_else(
-                || "-".to_owned(),
-                |level| format!("{:.2}, {:.1}", level.position, half_turn(level.heading_deg)),
-            ),
+            number(estimate.as_ref().map(Estimate::sigma_position), 3),
+            number(estimate.map(|estimate| estimate.sigma_heading_deg), 2),
+            number(level.map(|level| level.position), 2),
+            number(level.map(|level| half_turn(level.heading_deg)), 1),
             member
                 .report
                 .map_or_else(|| "-".to_owned(), |report| report.sightings.to_string()),
         ]);
     }
-    for column in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11] {
+    for column in [0, 1, 4, 5, 6, 7, 8] {
         if let Some(column) = table.column_mut(column) {
             column.set_cell_alignment(CellAlignment::Right);
         }

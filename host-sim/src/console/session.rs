@@ -28,8 +28,6 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 const REFRESH: Duration = Duration::from_secs(10);
 /// The same while the site key is handed on: the coordinator tells of that only when asked.
 const REFRESH_KEY: Duration = Duration::from_secs(2);
-/// Silence after which it is told that the coordinator does not answer any more.
-const LOST: Duration = Duration::from_secs(20);
 /// Time without a new member after which the list of members is at its end.
 const SETTLED: Duration = Duration::from_secs(1);
 /// Period with which a camera is asked for sightings that it has not told: they are sent by radio, one
@@ -217,6 +215,11 @@ impl Session {
         }
     }
 
+    /// Tells lengths in this unit.
+    pub fn tell_in(&mut self, unit: &str) {
+        self.known.tell_in(unit);
+    }
+
     /// Asks every camera for its sightings too, when it has new ones.
     pub const fn want_sightings(&mut self) {
         self.wants_sightings = true;
@@ -260,8 +263,11 @@ impl Session {
             if matches!(byte, b' '..=b'~' | b'\r' | b'\n') {
                 self.text += 1;
             }
-            if let Some(message) = self.frames.push(byte) {
-                self.take(now, &message);
+            match self.frames.push(byte) {
+                Some(message) => self.take(now, &message),
+                // The end of a frame that was none.
+                None if byte == 0 => self.known.missed(now),
+                None => {}
             }
         }
     }
@@ -440,9 +446,10 @@ impl Session {
         }
         match self.heard {
             None if now >= self.patience_from + FIRST_ANSWER => return Err(self.why_nothing()),
-            Some(heard) if now.saturating_sub(heard) >= LOST && !self.lost => {
+            Some(_) if self.known.is_silent(now) && !self.lost => {
                 self.lost = true;
-                let news = "the coordinator does not answer any more";
+                let news =
+                    "the coordinator does not answer any more: check its cable and its power";
                 self.news.push_back(news.to_owned());
             }
             _ => {}

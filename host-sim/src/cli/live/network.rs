@@ -36,7 +36,8 @@ pub(super) fn run(arguments: &Arguments, interrupted: &Arc<AtomicBool>) -> anyho
     check_ports(&arguments.port)?;
     let site = arguments.site.as_deref().map(read_site).transpose()?;
     let ports = (&arguments.port[..], arguments.baud);
-    let lines = Lines::open(ports, Vec::new(), interrupted)?.with_sightings();
+    let lines = Lines::open(ports, Vec::new(), interrupted)?;
+    let lines = lines.of_site(site.as_ref()).with_sightings();
     let name = match &site {
         Some(site) => site.name.clone(),
         None => arguments.port.join(", "),

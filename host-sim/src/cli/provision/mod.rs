@@ -12,7 +12,9 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use node_firmware::config::{CheckedConfig, RoleConfig, SiteKey};
 use site::{
-    NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file, node, page_file,
+    NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file,
+    node::{self, RoleName},
+    page_file,
 };
 use toml::Table;
 
@@ -20,7 +22,8 @@ use super::{file_name, files::Files, print, tell, values, whole_file};
 
 /// Makes configuration pages, which tell boards which nodes they are.
 ///
-/// Makes a page, or those of a whole site, or tells what is in one. The site key is never shown.
+/// Makes a page, or those of a whole site, one line for each; `--show PAGE` tells what is in one. The site key is
+/// never shown.
 #[derive(Args)]
 pub(super) struct Arguments {
     /// Tells what is in a page.
@@ -126,6 +129,10 @@ impl Arguments {
                 file_name(page)
             );
         }
+        // Warnings come first: they would be lost among the pages.
+        for (config, _) in pages {
+            self.warn(config);
+        }
         pages
             .iter()
             .try_for_each(|(config, page)| self.write(config, page))
@@ -135,10 +142,13 @@ impl Arguments {
         let name = file_name(path);
         let length =
             page_file::write(path, config, self.overwrite).with_context(|| name.clone())?;
-        print(&format!(
-            "# {name}: {length} bytes\n{}\n",
-            node::text(config)?
-        ))?;
+        let (role, id) = (RoleName::from(&config.role), config.id);
+        print(&format!("{name}: {role} {id}, {length} bytes\n"))?;
+        Ok(())
+    }
+
+    /// Tells what a node needs besides its page.
+    fn warn(&self, config: &CheckedConfig) {
         match &config.role {
             RoleConfig::Coordinator(coordinator)
                 if coordinator.allow.is_empty() && coordinator.join_window_s == 0 =>
@@ -157,7 +167,6 @@ impl Arguments {
             }
             _ => {}
         }
-        Ok(())
     }
 }
 

@@ -28,7 +28,13 @@ fn the_file_that_is_rehearsed_makes_the_pages() {
     place.write("room.toml", &file);
     let told = place.run(&["run", "room.toml"]).ok();
     assert!(told.contains("3 of 3 cameras are calibrated"), "{told}");
-    place.run(&PROVISION).ok();
+    let told = place.run(&PROVISION).ok();
+    let lines: Vec<_> = told.lines().collect();
+    assert_eq!(lines.len(), 5, "{told}");
+    assert!(lines[0].starts_with("pages/node-"), "{told}");
+    for node in ["coordinator 60000,", "camera 3,", "target 20,"] {
+        assert_eq!(told.matches(node).count(), 1, "{told}");
+    }
     let [coordinator, first, second, third, target] =
         [60_000, 1, 2, 3, 20].map(|id| decode(&place, id));
     let RoleConfig::Coordinator(own) = &coordinator.role else {

@@ -8,7 +8,7 @@ use results::record::{
     summary::Summary,
     verdict::{Common, Finding, InView, Trouble, Verdict},
 };
-use results::report::run::{run_report, runs_report};
+use results::report::run::{answer, run_report, runs_report};
 
 use super::sample::{self, Sample};
 use crate::common::{Files, run};
@@ -42,6 +42,46 @@ fn tracking_that_deceives_or_is_of_little_use_is_told() {
         "{good}"
     );
     assert!(bad.contains(deceives) && bad.contains(useless), "{bad}");
+}
+
+/// The answer fits a screen, whatever there is to tell, and tells the counts first and the next stop at last.
+#[test]
+fn the_answer_fits_a_screen() {
+    let mut troubled = Sample {
+        blind: &[4, 5, 6],
+        short: Some((9, 2)),
+        ..Sample::default()
+    }
+    .run();
+    for node in troubled.nodes.iter_mut().filter(|node| node.id > 9) {
+        node.protection = None;
+    }
+    for long_unit in [false, true] {
+        let mut record = troubled.clone();
+        if long_unit {
+            record.unit.name = "Rhenish feet".to_owned();
+        }
+        let verdict = Verdict::of(&record);
+        let text = answer(&record, &verdict);
+        let widest = text.lines().map(|line| line.chars().count()).max();
+        assert!(widest <= Some(100), "{text}");
+        let brief = verdict.brief();
+        assert!((2..=5).contains(&brief.lines().count()), "{brief}");
+        assert!(text.contains(&brief), "{text}");
+        assert!(
+            brief.starts_with("9 of 13 cameras are calibrated"),
+            "{brief}"
+        );
+        assert!(brief.contains("\nNext: stop the target about"), "{brief}");
+        let rows = text.lines().filter(|line| line.starts_with("| "));
+        assert_eq!(rows.count(), 13 + 2, "{text}");
+    }
+    let good = Sample::default().run();
+    let verdict = Verdict::of(&good);
+    assert_eq!(verdict.brief().lines().count(), 3, "{}", verdict.brief());
+    let folded: String = verdict.brief().split_whitespace().collect();
+    let whole: String = verdict.to_string().split_whitespace().collect();
+    assert_eq!(folded, whole);
 }
 
 /// Returns true if a camera of the sample sees a place, from geometry.

@@ -204,6 +204,10 @@ fn remedies_are_named_where_no_stop_helps() {
     let references = |instead: &Instead| matches!(instead, Instead::References(..));
     assert!(verdict.instead.iter().any(carrier), "{verdict}");
     assert!(verdict.instead.iter().any(references), "{verdict}");
+    let is_tape = |instead: &Instead| matches!(instead, Instead::Tape { target: 50, .. });
+    let camera = |instead: &Instead| matches!(instead, Instead::Camera(..));
+    assert!(verdict.instead.iter().any(is_tape), "{verdict}");
+    assert!(verdict.instead.iter().any(camera), "{verdict}");
     for instead in &verdict.instead {
         assert!(instead.gain().to < 0.95 * instead.gain().from, "{verdict}");
     }

@@ -18,7 +18,7 @@ use super::{
     Node, RunRecord, Target,
     next_stop::{MOST, RADIUS, UNSEEN, obstacles, stands},
     standing::Standing,
-    verdict::{Gain, Gained, Instead, NextStop, Weakness},
+    verdict::{Gain, Gained, Instead, NextStop, Weakness, edges, is_free},
 };
 use crate::network::usual_carrier;
 
@@ -344,6 +344,10 @@ const COMMON_STOPS: usize = 3;
 const PAIRS: usize = 16;
 /// A carrier that was measured: share of its ways, and its compass, degrees.
 const MEASURED: [f64; 2] = [0.01, 1.0];
+/// Gaps between cameras in which another one is tried.
+const GAPS: usize = 8;
+/// Sigma of a tape measure: metres, and a share of the distance.
+const TAPE: [f64; 2] = [0.01, 0.01];
 /// A wider lens, times the field of view.
 const WIDER: f64 = 1.5;
 
@@ -389,8 +393,12 @@ impl Walk<'_> {
     /// The worst of these cameras, when a change of the site makes its measurements these: the camera at this
     /// index now is at that one then.
     fn changed(&self, worst: usize, survey: Survey, then: impl Fn(usize) -> usize) -> Option<Gain> {
+        self.gained(worst, survey.redundancy()?.sigma(then(worst))?)
+    }
+
+    /// The worst of these cameras, where a change of the site lowers the sigma of its place to this one.
+    fn gained(&self, worst: usize, after: f64) -> Option<Gain> {
         let from = self.cameras[worst].estimate?.sigma_position();
-        let after = survey.redundancy()?.sigma(then(worst))?;
         let to = from * after / self.known.sigma(worst)?;
         let gain = Gain {
             camera: self.cameras[worst].id,
@@ -420,6 +428,8 @@ impl Walk<'_> {
             .and_then(|survey| self.changed(worst, survey, same));
         let mut found: Vec<Instead> = carrier.into_iter().chain(lens.map(Instead::Lens)).collect();
         found.extend(self.other_references(worst));
+        found.extend(self.camera_between(worst));
+        found.extend(self.tape_measure(worst));
         found.sort_by(|a, b| a.gain().to.total_cmp(&b.gain().to));
         found
     }
@@ -469,6 +479,79 @@ impl Walk<'_> {
         tried.min_by(|a, b| a.gain().to.total_cmp(&b.gain().to))
     }
 
+    /// The place half way between two neighbours at which one more camera, like one of them, makes this one most certain.
+    fn camera_between(&self, worst: usize) -> Option<Instead> {
+        let survey = self.known.survey();
+        let standing: Option<Vec<_>> = { self.cameras.iter() }
+            .map(|camera| stands(camera, true))
+            .collect();
+        let standing = standing?;
+        let network = self.target.network;
+        let places: Vec<_> = survey.cameras.iter().map(|pose| pose.position).collect();
+        let count = places.len();
+        let length = |[a, b]: [usize; 2]| (places[a] - places[b]).norm();
+        let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| [a, b]));
+        let mut pairs: Vec<[usize; 2]> = pairs.collect();
+        let aside = |[a, b]: [usize; 2]| {
+            let middle = nalgebra::center(&places[a], &places[b]);
+            (middle - places[worst]).norm() + length([a, b])
+        };
+        pairs.sort_by(|a, b| aside(*a).total_cmp(&aside(*b)));
+        let radius = RADIUS * survey.range;
+        let tried = pairs.into_iter().take(GAPS).flat_map(|pair| {
+            let place = nalgebra::center(&places[pair[0]], &places[pair[1]]);
+            pair.map(|like| (pair, like, place))
+        });
+        let found = tried.filter_map(|(pair, like, place)| {
+            let mut more = standing[like];
+            more.place = place;
+            let obstacles = obstacles(self.record, network).collect();
+            let world = World::new(vec![more], obstacles, Vec::new());
+            let mut changed = survey.clone();
+            let mut pose = survey.cameras[like];
+            pose.position = place;
+            changed.cameras.push(pose);
+            let looks = { survey.stops.iter().enumerate() }.filter_map(|(stop, &at)| {
+                world.sight(0, at, radius).filter(Sight::is_whole)?;
+                Some(Look {
+                    stop,
+                    camera: count,
+                    sigma: UNSEEN.sigma(&more, at),
+                })
+            });
+            changed.looks.extend(looks);
+            let gain = self.changed(worst, changed, |camera| camera)?;
+            let between = pair.map(|camera| self.cameras[camera].id);
+            Some(Instead::Camera(between, gain))
+        });
+        found.min_by(|a, b| a.gain().to.total_cmp(&b.gain().to))
+    }
+
+    /// The distance from this camera or a reference to one of its stops that makes it most certain, by a tape measure.
+    fn tape_measure(&self, worst: usize) -> Option<Instead> {
+        let survey = self.known.survey();
+        let [metres, share] = TAPE;
+        let least = metres / self.record.unit.metres;
+        let edges = edges(&self.record.obstacles_of(self.target.network));
+        let stops = survey.stops.iter().enumerate();
+        let tried = stops.flat_map(|(stop, at)| [0, 1, worst].map(|camera| (stop, at, camera)));
+        let found = tried.filter_map(|(stop, at, camera)| {
+            let from = survey.cameras[camera].position;
+            let sigma = least.max(share * (at - from).norm());
+            is_free(&edges, from, *at).then_some(())?;
+            let after = self.known.sigma_with_range(worst, [stop, camera], sigma)?;
+            let gain = self.gained(worst, after)?;
+            let stop = self.target.stops.get(stop)?.stop;
+            Some(Instead::Tape {
+                camera: self.cameras[camera].id,
+                target: self.target.id,
+                stop,
+                gain,
+            })
+        });
+        found.min_by(|a, b| a.gain().to.total_cmp(&b.gain().to))
+    }
+
     /// The same walk before wider lenses.
     fn with_wider_lenses(&self) -> Option<Survey> {
         let standing: Option<Vec<_>> = { self.cameras.iter() }
@@ -513,7 +596,11 @@ impl Instead {
     /// Gain of the least certain camera.
     pub fn gain(&self) -> &Gain {
         match self {
-            Self::Carrier(_, gain) | Self::References(_, gain) | Self::Lens(gain) => gain,
+            Self::Carrier(_, gain)
+            | Self::References(_, gain)
+            | Self::Lens(gain)
+            | Self::Camera(_, gain) => gain,
+            Self::Tape { gain, .. } => gain,
         }
     }
 }

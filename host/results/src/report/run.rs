@@ -9,23 +9,32 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use super::table::Words;
 use crate::accuracy::GAUSSIAN;
 use crate::record::{
-    Limits, Node, PoseError, Radio, RunRecord,
+    Estimate, Limits, Node, PoseError, Radio, RunRecord,
     published::{Published, exchange},
     summary::{Errors, Statistics},
     verdict::Verdict,
 };
 
-/// Everything there is to say about one run: table of poses, statistics, traffic, times, verdict.
+/// Everything there is to say about one run: the answer, then all details.
 pub fn run_report(record: &RunRecord) -> String {
-    run_report_with(record, &Verdict::of(record))
+    let verdict = Verdict::of(record);
+    join(&[answer(record, &verdict), details(record, &verdict)])
 }
 
-/// The same, with the verdict on this run, which takes long to find.
-pub fn run_report_with(record: &RunRecord, verdict: &Verdict) -> String {
+/// The answer of a run on one screen, with the verdict on it, which takes long to find: at most five rows of the
+/// verdict, and a table of poses of at most 100 columns.
+pub fn answer(record: &RunRecord, verdict: &Verdict) -> String {
+    let shown = record.for_people();
+    let record = shown.as_ref();
+    let title = format!("{}\n{}", record.title(), verdict.brief());
+    join(&[title, poses_at_a_glance(record)])
+}
+
+/// Everything else: the whole verdict, true poses, statistics, traffic, times.
+pub fn details(record: &RunRecord, verdict: &Verdict) -> String {
     let shown = record.for_people();
     let record = shown.as_ref();
     let parts = [
-        format!("{}\n", record.title()),
         poses(&[record]),
         statistics(&[record]),
         record
@@ -80,6 +89,84 @@ pub(super) fn table(head: &[&str]) -> Table {
 /// A table, ending with a line feed.
 pub(super) fn print(table: &Table) -> String {
     format!("{}\n", table.trim_fmt())
+}
+
+/// Frame of the places of these runs, in words.
+fn frame_words(records: &[&RunRecord]) -> &'static str {
+    let is_placed = |record: &&RunRecord| record.is_in_building();
+    let has_networks = records.iter().any(|record| record.has_networks());
+    match (records.iter().all(is_placed), has_networks) {
+        (true, _) => "in the frame of the site's file",
+        (false, true) => "in the frame of each network",
+        (false, false) => "from the first reference camera, x towards the second",
+    }
+}
+
+/// Longer names of units stand above a table, not in its headings.
+const SHORT_UNIT: usize = 5;
+
+/// Poses with what they are worth, in at most 100 columns.
+fn poses_at_a_glance(record: &RunRecord) -> String {
+    let unit = &record.unit.name;
+    let is_short = unit.chars().count() <= SHORT_UNIT;
+    let has_truth = record.cameras().any(|camera| camera.error.is_some());
+    let of_length = |name: &str| match is_short {
+        true => format!("{name}\n[{unit}]"),
+        false => name.to_owned(),
+    };
+    let of_angle = |name: &str| format!("{name}\n[deg]");
+    let mut head = vec![
+        "camera".to_owned(),
+        "status".to_owned(),
+        of_length("x"),
+        of_length("y"),
+        of_angle("heading"),
+        of_length("sigma"),
+        of_angle("sigma"),
+        of_length("fault"),
+    ];
+    head.extend(has_truth.then(|| of_length("error")));
+    head.push("seen".to_owned());
+    let mut table = table(&head.iter().map(String::as_str).collect::<Vec<_>>());
+    for camera in record.cameras() {
+        let network = match record.has_networks() {
+            true => format!("{}, ", camera.network),
+            false => String::new(),
+        };
+        let star = if camera.reference { "*" } else { "" };
+        let number = |value: Option<f64>, digits: usize| Maybe(value, digits).to_string();
+        let pose = camera.estimate.as_ref();
+        let mut row = vec![
+            format!("{network}{}{star}", camera.id),
+            camera.status.unwrap_or(Status::Waiting).to_string(),
+            number(pose.map(|pose| pose.x), 2),
+            number(pose.map(|pose| pose.y), 2),
+            number(pose.map(|pose| pose.heading_deg), 1),
+            number(pose.map(Estimate::sigma_position), 3),
+            number(pose.map(|pose| pose.sigma_heading_deg), 2),
+            match camera.protection {
+                _ if !camera.is_checkable() => String::new(),
+                Some(level) if camera.is_checked(&record.limits) => number(Some(level.position), 2),
+                _ => "open".to_owned(),
+            },
+        ];
+        if has_truth {
+            let error = camera.error.as_ref();
+            row.push(number(error.map(|error| error.x.hypot(error.y)), 3));
+        }
+        row.push(camera.sightings.to_string());
+        table.add_row(row);
+    }
+    let mut legend = vec![format!("Places {}", frame_words(&[record]))];
+    legend.extend((!is_short).then(|| format!("lengths in {unit}")));
+    let has_reference = record.cameras().any(|camera| camera.reference);
+    legend.extend(has_reference.then(|| "* reference".to_owned()));
+    legend.push("seen: number of sightings".to_owned());
+    format!(
+        "{}\nfault: how far one unnoticed wrong measurement moves it at most; open: farther than is tolerated\n{}",
+        legend.join("; "),
+        print(&table)
+    )
 }
 
 /// Tables 4.1 and 4.2: actual and calculated poses, sigmas and errors.
@@ -137,15 +224,10 @@ fn poses(records: &[&RunRecord]) -> String {
         }
     }
     let star = if has_reference { "; * reference" } else { "" };
-    let is_placed = |record: &&RunRecord| record.is_in_building();
-    let frames = match (records.iter().all(is_placed), has_networks) {
-        (true, _) => "; in the frame of the site's file",
-        (false, true) => "; in the frame of each network",
-        (false, false) => "; from the first reference camera, x towards the second",
-    };
     format!(
         "Poses (x, y, heading) in {unit} and degrees; n sightings; checked to: what one wrong \
-         measurement that nobody noticed could do (place, heading){star}{frames}\n{}",
+         measurement that nobody noticed could do (place, heading){star}; {}\n{}",
+        frame_words(records),
         print(&table)
     )
 }

@@ -29,6 +29,12 @@ mod site;
 pub use command::{command_name, parse_command};
 pub use site::{SitePlan, area, building_place, limits, outline};
 
+/// A coordinator that tells nothing for so long does not answer any more.
+const SILENCE: Duration = Duration::from_secs(20);
+
+/// Name of the unit of lengths where no site's file tells it.
+pub(crate) const UNKNOWN_UNIT: &str = "units";
+
 /// A camera that was asked for its sightings does not wait longer with its answer.
 const PATIENCE: Duration = Duration::from_secs(15);
 
@@ -183,6 +189,10 @@ pub struct NetworkView {
     told_conflict: bool,
     /// Of the coordinator itself.
     health: Health,
+    /// The unit of lengths, where a site's file tells it.
+    unit: Option<String>,
+    /// When the coordinator last told anything.
+    spoke: Option<Duration>,
 }
 
 /// Returns true if these networks together have so many cameras, at least one, and all are calibrated.
@@ -199,6 +209,27 @@ pub fn are_calibrated<'a>(
 }
 
 impl NetworkView {
+    /// Tells lengths in this unit.
+    pub fn tell_in(&mut self, unit: &str) {
+        self.unit = Some(unit.to_owned());
+    }
+
+    /// Returns true if the coordinator has fallen silent: nothing is known of its members from then on.
+    pub fn is_silent(&self, now: Duration) -> bool {
+        { self.spoke }.is_some_and(|spoke| now.saturating_sub(spoke) >= SILENCE)
+    }
+
+    /// Takes note that something came damaged: answers may have been lost with it, and are waited for anew.
+    pub fn missed(&mut self, now: Duration) {
+        let asked = self.members.iter_mut().filter_map(|m| m.asked.as_mut());
+        asked.for_each(|asked| *asked = now);
+    }
+
+    /// The unit of lengths.
+    pub fn unit(&self) -> &str {
+        self.unit.as_deref().unwrap_or(UNKNOWN_UNIT)
+    }
+
     /// Its network, if it has one.
     pub fn network(&self) -> Option<NetworkInfo> {
         self.network.flatten()
@@ -279,6 +310,7 @@ impl NetworkView {
 
     /// Takes a message. Returns the news in words for people, if there is any.
     pub fn take(&mut self, now: Duration, message: &ToPc) -> Option<String> {
+        self.spoke = Some(now);
         let news = self.learn(now, message);
         let told = match *message {
             // The coordinator tells these again when it is asked, for every member.
@@ -453,7 +485,9 @@ impl NetworkView {
         if report.pose().is_some() {
             member.posed.get_or_insert(now);
         }
-        is_news.then(|| Progress(member).to_string())
+        let address = member.address;
+        let member = self.members.iter().find(|own| own.address == address);
+        { member.filter(|_| is_news) }.map(|member| Progress(member, self.unit()).to_string())
     }
 }
 
@@ -470,19 +504,20 @@ impl NetworkView {
     }
 }
 
-/// Progress of a camera, in words.
-struct Progress<'a>(&'a Member);
+/// Progress of a camera, in words, with the unit of lengths. Places are told in the table, which knows their frame.
+struct Progress<'a>(&'a Member, &'a str);
 
 impl fmt::Display for Progress<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let member = self.0;
+        let Self(member, unit) = *self;
         write!(f, "camera {}: ", member.id)?;
         let status = member.status();
         match member.estimate() {
             Some(e) => write!(
                 f,
-                "{status}: x {:.3} +/- {:.3}, y {:.3} +/- {:.3}, heading {:.2} +/- {:.2} deg",
-                e.x, e.sigma_x, e.y, e.sigma_y, e.heading_deg, e.sigma_heading_deg
+                "{status}: sigma of its place {:.3} {unit}, of its heading {:.2} deg",
+                e.sigma_position(),
+                e.sigma_heading_deg
             )?,
             None => f.write_str(&status_words(status, member.reason()))?,
         }
@@ -493,7 +528,7 @@ impl fmt::Display for Progress<'_> {
             } = level;
             write!(
                 f,
-                "; one unnoticed fault moves it by {position:.2}, {:.1} deg at most",
+                "; one unnoticed wrong measurement moves it by {position:.2} {unit} and turns it by {:.1} deg at most",
                 half_turn(heading_deg)
             )?;
         }
@@ -532,6 +567,7 @@ mod tests {
     use calib_core::Refusal;
 
     use super::*;
+    use crate::record::{Role, verdict::Verdict};
 
     const NOW: Duration = Duration::ZERO;
 
@@ -591,7 +627,7 @@ mod tests {
         );
         assert_eq!(
             news[5],
-            "camera 7: calibrated: x 1.000 +/- 0.200, y -2.000 +/- 0.300, heading 90.00 +/- 0.57 deg; 4 sightings"
+            "camera 7: calibrated: sigma of its place 0.361 units, of its heading 0.57 deg; 4 sightings"
         );
         for message in [&messages[1], &messages[2], &messages[5]] {
             assert_eq!(known.take(NOW, message), None);
@@ -641,6 +677,38 @@ mod tests {
         assert!(!are_calibrated([&known], 0));
         known.take(NOW, &reported(2, 8, pose()));
         assert!(are_calibrated([&known], 2));
+    }
+
+    /// Cameras of whom nothing is told because nothing is told at all are not called silent, nor those whose
+    /// answers were damaged on the line.
+    #[test]
+    fn a_silent_coordinator_is_told_as_such() {
+        let at = Duration::from_secs;
+        let mut known = NetworkView::default();
+        known.take(at(0), &member(1, 7, CAMERA));
+        known.take(at(0), &reported(1, 7, pose()));
+        known.asks(at(1), 1);
+        let silent = |known: &NetworkView, now| {
+            let record = known.record(at(now), None);
+            let nodes = record.nodes.iter().filter(|node| node.silent);
+            nodes.map(|node| (node.id, node.role)).collect::<Vec<_>>()
+        };
+        assert_eq!(silent(&known, 19), []);
+        let coordinator = (::site::coordinator_id(0), Role::Coordinator);
+        assert_eq!(silent(&known, 300), [coordinator]);
+        let words = Verdict::of(&known.record(at(300), None)).to_string();
+        let told = "coordinator 60000: nothing comes on its line since 0 s";
+        assert!(words.contains(told), "{words}");
+        assert!(!words.contains("camera 7: it does not answer"), "{words}");
+        // It answers, and the camera does not.
+        known.take(at(310), &ToPc::Network(None));
+        assert_eq!(silent(&known, 310), [(7, Role::Camera)]);
+        known.missed(at(310));
+        assert_eq!(silent(&known, 311), []);
+        known.take(at(324), &ToPc::Network(None));
+        assert_eq!(silent(&known, 324), []);
+        known.take(at(326), &ToPc::Network(None));
+        assert_eq!(silent(&known, 326), [(7, Role::Camera)]);
     }
 
     #[test]

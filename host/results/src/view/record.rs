@@ -5,8 +5,9 @@ use std::{collections::BTreeMap, time::Duration};
 use calib_core::{Ray, Sighting};
 use nalgebra::{Matrix2, Point2};
 use node_firmware::message::{Duty, ListedSighting, MemberKind, SitePlace};
+use site::coordinator_id;
 
-use super::{Member, NetworkView, SitePlan, site::usual_limits};
+use super::{Member, NetworkView, SitePlan, UNKNOWN_UNIT, site::usual_limits};
 use crate::record::{
     self, Believed, FORMAT, Node, Place, Role, RunRecord, Stop, Target, Unit, summary::Summary,
 };
@@ -32,6 +33,14 @@ impl NetworkView {
             });
             self.describe(now, member, &mut nodes[place]);
         }
+        if self.is_silent(now) {
+            let number = site.map_or(1, SitePlan::number);
+            let id = coordinator_id(number.saturating_sub(1));
+            let mut coordinator = Node::new(id, Role::Coordinator);
+            coordinator.silent = true;
+            coordinator.heard_seconds = self.spoke.map(|at| at.as_secs_f64());
+            nodes.push(coordinator);
+        }
         nodes.sort_by_key(|node| node.id);
         let weak = usual_limits();
         RunRecord {
@@ -42,7 +51,7 @@ impl NetworkView {
             seed: None,
             unit: site.map_or_else(
                 || Unit {
-                    name: "units".to_owned(),
+                    name: UNKNOWN_UNIT.to_owned(),
                     metres: 1.0,
                 },
                 |site| site.unit.clone(),
@@ -85,7 +94,8 @@ impl NetworkView {
 
     fn describe(&self, now: Duration, member: &Member, node: &mut Node) {
         member.describe(node);
-        node.silent = member.is_silent(now);
+        // A coordinator that is silent itself tells of no answers.
+        node.silent = member.is_silent(self.spoke.unwrap_or(now));
         if node.is_camera() {
             node.expected = true;
             node.reference |= member.is_reference();

@@ -263,6 +263,20 @@ pub enum Instead {
     References([u16; 2], Gain),
     /// All cameras have lenses of one and a half times the field of view.
     Lens(Gain),
+    /// One more camera stands half way between these, and looks as one of them does.
+    Camera([u16; 2], Gain),
+    /// A tape measure tells, to 1 cm or 1 %, how far from a camera the target stood. Only a solution on a computer
+    /// takes that.
+    Tape {
+        /// Number of the camera.
+        camera: u16,
+        /// Number of the target.
+        target: u16,
+        /// Number of the stop.
+        stop: u32,
+        /// Improvement.
+        gain: Gain,
+    },
 }
 
 impl Verdict {

@@ -89,7 +89,7 @@ impl fmt::Display for Failing {
         let Self {
             node, times, why, ..
         } = self;
-        write!(f, "  {role} {node}: its firmware could not go on ")?;
+        write!(f, "{role} {node}: its firmware could not go on ")?;
         match times {
             1 => write!(f, "once, and was started again: {why}"),
             _ => write!(
@@ -195,7 +195,10 @@ impl Finding {
                  {sigma_heading_deg:.2} deg"
             ),
             Trouble::Wild { stop, sigmas } => {
-                write!(f, "its sighting at stop {stop} is {sigmas:.0} sigmas off")
+                let mut stood = verdict.stood.keys();
+                let target = stood.find(|(_, other)| other == stop);
+                let at = AtStop(verdict, target.map_or(0, |(target, _)| *target), *stop);
+                write!(f, "its sighting of the target at {at} is {sigmas:.0} sigmas off")
             }
             // Told together.
             Trouble::Unchecked { .. } => Ok(()),
@@ -255,19 +258,18 @@ impl fmt::Display for Remedy<'_> {
     }
 }
 
-/// Stop of a target with its place: its number alone tells a reader little.
+/// Place of a target's stop: its number tells a reader little, and is told where the place is not known.
 struct AtStop<'a>(&'a Verdict, u16, u32);
 
 impl fmt::Display for AtStop<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(verdict, target, stop) = *self;
-        write!(f, "stop {stop}")?;
         match verdict.stood.get(&(target, stop)) {
             Some((network, place)) => {
                 let [x, y] = verdict.told_place(*network, *place);
-                write!(f, " at ({x:.1}, {y:.1})")
+                write!(f, "({x:.1}, {y:.1})")
             }
-            None => Ok(()),
+            None => write!(f, "stop {stop}"),
         }
     }
 }
@@ -329,8 +331,8 @@ impl Verdict {
         NEVER_JOINED[usize::from(!self.is_rehearsal)]
     }
 
-    /// Writes the unchecked poses, together where one stop helps several.
-    fn write_unchecked(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    /// The unchecked poses, together where one measurement is behind several, or all together at a glance.
+    fn unchecked(&self, at_a_glance: bool) -> Vec<String> {
         let mut by_weakness = BTreeMap::<_, Vec<(u16, Option<Protection>)>>::new();
         for Finding { camera, trouble } in &self.findings {
             if let Trouble::Unchecked {
@@ -342,193 +344,276 @@ impl Verdict {
                 let weakness = weakness.filter(
                     |weakness| !matches!(weakness, Weakness::Sightings { camera: of } if of == camera),
                 );
-                let of_it = by_weakness.entry(weakness).or_default();
+                let key = if at_a_glance { None } else { Some(weakness) };
+                let of_it = by_weakness.entry(key).or_default();
                 of_it.push((*camera, *protection));
             }
         }
-        for (weakness, unchecked) in by_weakness {
+        let told = by_weakness.into_iter().map(|(weakness, unchecked)| {
             let ids: Vec<u16> = unchecked.iter().map(|(id, _)| *id).collect();
             let levels = unchecked.iter().filter_map(|(_, level)| *level);
             let worst = levels.reduce(Protection::or);
             let only = <[u16; 1]>::try_from(ids.as_slice());
-            writeln!(
-                f,
-                "  {}: {}: {}",
-                cameras(&ids),
-                check_words(worst.as_ref(), false, &self.unit),
-                Remedy(self, weakness, only.ok().map(|[id]| id)),
-            )?;
-        }
-        Ok(())
+            let check = check_words(worst.as_ref(), false, &self.unit);
+            let cameras = cameras(&ids);
+            match weakness {
+                Some(weakness) => {
+                    let remedy = Remedy(self, weakness, only.ok().map(|[id]| id));
+                    format!("{cameras}: {check}: {remedy}")
+                }
+                None => format!("{cameras}: {check}"),
+            }
+        });
+        told.collect()
     }
 
-    fn write_next(&self, f: &mut fmt::Formatter<'_>, stops: &[NextStop]) -> fmt::Result {
+    /// The last of these stops.
+    fn next_words(&self, stops: &[NextStop]) -> String {
         let Some((stop, before)) = stops.split_last() else {
-            return Ok(());
+            return String::new();
         };
         let mut before = { before.iter() }.filter(|other| other.network == stop.network);
         let first = before.clone().next().is_none();
         let is_there = |other: &NextStop| (other.x, other.y) == (stop.x, stop.y);
         let lead = if first { "Next" } else { "Then" };
-        match (self.has_networks, first) {
-            (true, _) => write!(f, "{lead} in network {}: ", stop.network)?,
-            (false, true) => write!(f, "{lead}: ")?,
-            (false, false) => write!(f, "{lead} ")?,
-        }
-        match stop.again {
-            Some(again) => write!(f, "walk back to stop {again}, about ")?,
-            None if before.any(is_there) => f.write_str("walk back to about ")?,
-            None => f.write_str("stop the target about ")?,
-        }
+        let mut words = match (self.has_networks, first) {
+            (true, _) => format!("{lead} in network {}: ", stop.network),
+            (false, true) => format!("{lead}: "),
+            (false, false) => format!("{lead} "),
+        };
+        words += match stop.again.is_some() || before.any(is_there) {
+            true => "walk back to about ",
+            false => "stop the target about ",
+        };
         let seen_by = cameras(&stop.seen_by);
         let [x, y] = self.told_place(stop.network, [stop.x, stop.y]);
-        write!(f, "({x:.1}, {y:.1}), in view of {seen_by}")?;
+        words += &format!("({x:.1}, {y:.1}), in view of {seen_by}");
         if let Some(gain) = &stop.helps {
-            write!(f, ": {}", Gains(gain, &self.unit))?;
+            words += &format!(": {}", Gains(gain, &self.unit));
         }
-        writeln!(f)
+        words
     }
 
-    /// Tells in whose frame places are, where it is not that of the site's file.
-    fn write_frame(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let is_told = |stop: &NextStop| !self.frames.contains_key(&stop.network);
-        match self.next_stops.iter().any(is_told) {
-            true => writeln!(f, "{FRAME}"),
-            false => Ok(()),
+    fn instead_words(&self) -> Option<String> {
+        let mut words = match (self.stops_in_vain, self.instead.is_empty()) {
+            (false, true) => return None,
+            (true, true) => return Some("The last stops improved nothing.".to_owned()),
+            (false, false) => "No single further stop helps.",
+            (true, false) => "The last stops improved nothing.",
         }
-    }
-
-    fn write_instead(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (self.stops_in_vain, self.instead.is_empty()) {
-            (false, true) => return Ok(()),
-            (true, true) => return writeln!(f, "The last stops improved nothing."),
-            (false, false) => f.write_str("No single further stop helps.")?,
-            (true, false) => f.write_str("The last stops improved nothing.")?,
-        }
-        f.write_str(" These changes would help:")?;
+        .to_owned();
+        words += " These changes would help:";
         for (number, instead) in self.instead.iter().enumerate() {
-            f.write_str(if number == 0 { " " } else { "; or " })?;
-            match instead {
+            words += if number == 0 { " " } else { "; or " };
+            words += &match instead {
                 Instead::Carrier(target, _) => {
-                    write!(f, "measure the carrier of target {target} to 1 % and 1 deg")?;
+                    format!("measure the carrier of target {target} to 1 % and 1 deg")
                 }
                 Instead::References([a, b], _) => {
-                    write!(f, "make cameras {a} and {b} the references")?;
+                    format!("make cameras {a} and {b} the references")
                 }
-                Instead::Lens(_) => f.write_str("lenses of 1.5 times the field of view")?,
-            }
-            write!(f, ": {}", Gains(instead.gain(), &self.unit))?;
+                Instead::Lens(_) => "lenses of 1.5 times the field of view".to_owned(),
+                Instead::Camera([a, b], _) => {
+                    format!("one more camera half way between cameras {a} and {b}")
+                }
+                Instead::Tape {
+                    camera,
+                    target,
+                    stop,
+                    ..
+                } => {
+                    let at = AtStop(self, *target, *stop);
+                    format!(
+                        "a tape measure from camera {camera} to the stop at {at}, for `solve-network`"
+                    )
+                }
+            };
+            words += &format!(": {}", Gains(instead.gain(), &self.unit));
         }
-        writeln!(f, ".")
+        words.push('.');
+        Some(words)
     }
 
-    /// Writes the protection of checked poses.
-    fn write_protection(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some(Protection {
+    /// The protection of checked poses.
+    fn protection_words(&self) -> Option<String> {
+        let Protection {
             position,
             heading_deg,
-        }) = self.protection
-        else {
-            return Ok(());
-        };
-        writeln!(
-            f,
-            "  Checked: one wrong measurement that was not noticed moves such a pose by {position:.2} {} \
+        } = self.protection?;
+        Some(format!(
+            "Checked: one wrong measurement that was not noticed moves such a pose by {position:.2} {} \
              and turns it by {heading_deg:.1} deg at most.",
             self.unit
-        )
+        ))
     }
 
-    fn write_common(&self, f: &mut fmt::Formatter<'_>, common: Common) -> fmt::Result {
-        match common {
-            Common::Lens(ratio) => writeln!(
-                f,
-                "  The cameras see the target {ratio:.1} times farther off than foretold from where \
+    /// `None` of what was told of another network already.
+    fn common_words(&self, common: Common) -> Option<String> {
+        Some(match common {
+            Common::Lens(ratio) => format!(
+                "The cameras see the target {ratio:.1} times farther off than foretold from where \
                  it is: their lenses are not what they are configured to. Check the projection and \
                  the field of view first: no further stop helps before."
             ),
-            Common::Carrier(target, ratio) => writeln!(
-                f,
-                "  Target {target} believed to be {ratio:.1} times farther off than foretold from \
+            Common::Carrier(target, ratio) => format!(
+                "Target {target} believed to be {ratio:.1} times farther off than foretold from \
                  where it was: its carrier's steps or compass err by more than their sigmas. Give \
                  larger systematic sigmas, or calibrate the carrier."
             ),
-            Common::Misfit(ratio) if self.is_rehearsal => writeln!(
-                f,
-                "  The residuals are {ratio:.1} times larger than foretold, though neither lenses \
+            Common::Misfit(ratio) if self.is_rehearsal => format!(
+                "The residuals are {ratio:.1} times larger than foretold, though neither lenses \
                  nor the target's places are wrong: the sigmas of sightings are too small."
             ),
-            Common::Misfit(ratio) => writeln!(
-                f,
-                "  The residuals are {ratio:.1} times larger than foretold: check projection and \
+            Common::Misfit(ratio) => format!(
+                "The residuals are {ratio:.1} times larger than foretold: check projection and \
                  field of view of the cameras first, then the carrier's step length and compass."
             ),
-            Common::Reference(camera) => writeln!(
-                f,
-                "  Reference camera {camera} is not there, and without both references no camera of its \
+            Common::Reference(camera) => format!(
+                "Reference camera {camera} is not there, and without both references no camera of its \
                  network gets a pose: see below what is the matter with it, or put another board or camera \
                  in its place, with the same configuration."
             ),
-            Common::UncheckedGuests(network) => writeln!(
-                f,
-                "  No pose is checked in network {network}: it has no references, and a target that brings a \
-                 frame from another network estimates the cameras of neither together from then on. No \
-                 further stop changes that; references of its own would."
-            ),
-            Common::Unchecked(network) => {
-                f.write_str("  No pose is checked")?;
-                if self.has_networks {
-                    write!(f, " in network {network}")?;
-                }
-                writeln!(
-                    f,
-                    ": no target has estimated the cameras together. It does once the distance of the \
-                     references is known and both of them have seen it."
+            Common::UncheckedGuests(first) => {
+                let is_meant = |common: &Common| match common {
+                    Common::UncheckedGuests(network) => Some(*network),
+                    _ => None,
+                };
+                let networks = self.once(first, is_meant)?;
+                let have = if networks.len() == 1 {
+                    "it has"
+                } else {
+                    "they have"
+                };
+                format!(
+                    "No pose is checked in {}: {have} no references, and a target that brings a \
+                     frame from another network estimates the cameras of neither together from then on. No \
+                     further stop changes that; references of its own would.",
+                    listed("network", &networks)
                 )
             }
-            Common::Overconfident(ratio) => writeln!(
-                f,
-                "  The true errors are {ratio:.1} times larger than foretold: whoever relies on \
+            Common::Unchecked(first) => {
+                let is_meant = |common: &Common| match common {
+                    Common::Unchecked(network) => Some(*network),
+                    _ => None,
+                };
+                let networks = self.once(first, is_meant)?;
+                let within = match self.has_networks {
+                    true => format!(" in {}", listed("network", &networks)),
+                    false => String::new(),
+                };
+                format!(
+                    "No pose is checked{within}: no target has estimated the cameras together. It does once \
+                     the distance of the references is known and both of them have seen it."
+                )
+            }
+            Common::Overconfident(ratio) => format!(
+                "The true errors are {ratio:.1} times larger than foretold: whoever relies on \
                  these poses is deceived. Where nothing else is told, a carrier errs by more than \
                  it is said to: give larger systematic sigmas."
             ),
-            Common::Underconfident(ratio) => writeln!(
-                f,
-                "  The true errors are {ratio:.1} times smaller than foretold: the sigmas configured \
+            Common::Underconfident(ratio) => format!(
+                "The true errors are {ratio:.1} times smaller than foretold: the sigmas configured \
                  are larger than what was rehearsed."
             ),
-        }
+        })
+    }
+
+    /// All networks with a problem, told at the first one only.
+    fn once(&self, first: u16, is_meant: impl Fn(&Common) -> Option<u16>) -> Option<Vec<u16>> {
+        let networks: Vec<u16> = self.common.iter().filter_map(is_meant).collect();
+        (networks.first() == Some(&first)).then_some(networks)
     }
 }
 
-impl fmt::Display for Verdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+/// Rows of a verdict at a glance.
+const ROWS: usize = 5;
+/// Rows of one of its sentences, at most.
+const SENTENCE_ROWS: usize = 2;
+/// Columns of a report.
+pub(crate) const COLUMNS: usize = 100;
+
+impl Verdict {
+    /// The verdict at a glance, in at most five rows of 100 columns: the counts, the gravest problems, and the next
+    /// thing to do. [`Display`](fmt::Display) tells all of it.
+    pub fn brief(&self) -> String {
+        let mut rows = folded(&self.counts(), ROWS);
+        let problems = self.problems(true);
+        let advice = self.advice();
+        let first = advice.first().map(|advice| folded(advice, SENTENCE_ROWS));
+        let first = first.unwrap_or_default();
+        let mut left = advice.len().saturating_sub(1);
+        let mut room = ROWS.saturating_sub(rows.len() + first.len());
+        for (number, problem) in problems.iter().enumerate() {
+            let is_last = number + 1 == problems.len() && left == 0;
+            let own = folded(problem, SENTENCE_ROWS);
+            // A row is kept that tells how much is left out.
+            if own.len() + usize::from(!is_last) > room {
+                left += problems.len() - number;
+                break;
+            }
+            room -= own.len();
+            rows.extend(own);
+        }
+        rows.extend(first);
+        match left {
+            0 => {}
+            _ if rows.len() < ROWS => rows.push(format!("and {left} more")),
+            _ => {
+                if let Some(last) = rows.last_mut() {
+                    last.push_str(" ...");
+                }
+            }
+        }
+        rows.join("\n") + "\n"
+    }
+
+    /// Numbers of cameras that are calibrated and checked.
+    fn counts(&self) -> String {
         let Self {
             expected,
             calibrated,
+            checkable,
+            checked,
             ..
         } = self;
-        let never_joined = self.never_joined();
-        write!(f, "{calibrated} of {expected} cameras are calibrated")?;
-        if self.checkable > 0 {
-            write!(
-                f,
-                ", {} of {} poses are checked",
-                self.checked, self.checkable
-            )?;
+        let mut counts = format!("{calibrated} of {expected} cameras are calibrated");
+        if *checkable > 0 {
+            counts += &format!(", {checked} of {checkable} poses are checked");
         }
-        let nothing = self.findings.is_empty() && self.common.is_empty();
+        counts
+            + if self.has_nothing_to_tell() {
+                "; nothing is left to do."
+            } else {
+                "."
+            }
+    }
+
+    fn has_nothing_to_tell(&self) -> bool {
         let others = self.absent.len() + self.silent.len() + self.failing.len() + self.unwell.len();
-        if nothing && others == 0 {
-            writeln!(f, "; nothing is left to do.")?;
-            return self.write_protection(f);
+        self.findings.is_empty() && self.common.is_empty() && others == 0
+    }
+
+    /// One sentence for each problem; at a glance one for all poses that are not checked.
+    fn problems(&self, at_a_glance: bool) -> Vec<String> {
+        let mut problems = Vec::new();
+        if !at_a_glance || self.has_nothing_to_tell() {
+            problems.extend(self.protection_words());
         }
-        writeln!(f, ".")?;
-        self.write_protection(f)?;
-        for common in &self.common {
-            self.write_common(f, *common)?;
-        }
-        // What is the same of several cameras is told once.
+        let (coordinators, silent): (Vec<&_>, Vec<&_>) =
+            { self.silent.iter() }.partition(|(_, who, _)| *who == Role::Coordinator);
+        problems.extend(coordinators.into_iter().map(|(id, _, since)| {
+            let since = since.map_or_else(String::new, |since| format!(" since {since:.0} s"));
+            format!(
+                "coordinator {id}: nothing comes on its line{since}: check its cable and its power; everything \
+                 else is from before"
+            )
+        }));
+        problems.extend(
+            self.common
+                .iter()
+                .filter_map(|common| self.common_words(*common)),
+        );
+        // The same problem of several cameras is told once.
         let mut told: Vec<(String, Vec<u16>)> = Vec::new();
         let is_told = |finding: &&Finding| !matches!(finding.trouble, Trouble::Unchecked { .. });
         for finding in self.findings.iter().filter(is_told) {
@@ -538,43 +623,99 @@ impl fmt::Display for Verdict {
                 None => told.push((words, vec![finding.camera])),
             }
         }
-        for (words, of) in told {
-            writeln!(f, "  {}: {words}", cameras(&of))?;
+        problems.extend({ told.iter() }.map(|(words, of)| format!("{}: {words}", cameras(of))));
+        problems.extend(self.unchecked(at_a_glance));
+        let never_joined = self.never_joined();
+        let absent = self.absent.iter();
+        problems.extend(absent.map(|target| format!("target {target}: {never_joined}")));
+        let silent = silent.into_iter();
+        problems.extend(
+            silent.map(|(id, who, since)| format!("{} {id}: {}", role(*who), Since(*since))),
+        );
+        let unwell = self.unwell.iter();
+        problems.extend(
+            unwell
+                .map(|(id, who, health)| format!("{} {id}: {}", role(*who), health_words(health))),
+        );
+        problems.extend(self.failing.iter().map(Failing::to_string));
+        for problem in &mut problems {
+            problem.insert_str(0, "  ");
         }
-        self.write_unchecked(f)?;
-        for target in &self.absent {
-            writeln!(f, "  target {target}: {never_joined}")?;
+        problems
+    }
+
+    /// One sentence for each stop that is asked for, or for the changes that help instead.
+    fn advice(&self) -> Vec<String> {
+        let count = self.next_stops.len();
+        let mut advice: Vec<String> = (1..=count)
+            .map(|count| self.next_words(&self.next_stops[..count]))
+            .collect();
+        advice.extend(self.instead_words());
+        let is_told = |stop: &NextStop| !self.frames.contains_key(&stop.network);
+        // In whose frame places are, where it is not that of the site's file.
+        if self.next_stops.iter().any(is_told) {
+            advice.push(FRAME.to_owned());
         }
-        for (id, who, since) in &self.silent {
-            writeln!(f, "  {} {id}: {}", role(*who), Since(*since))?;
-        }
-        for (id, who, health) in &self.unwell {
-            writeln!(f, "  {} {id}: {}", role(*who), health_words(health))?;
-        }
-        for failing in &self.failing {
-            writeln!(f, "{failing}")?;
-        }
-        for count in 1..=self.next_stops.len() {
-            self.write_next(f, &self.next_stops[..count])?;
-        }
-        self.write_instead(f)?;
-        self.write_frame(f)
+        advice
     }
 }
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.counts())?;
+        let sentences = self.problems(false).into_iter().chain(self.advice());
+        for sentence in sentences {
+            writeln!(f, "{sentence}")?;
+        }
+        Ok(())
+    }
+}
+
+/// A sentence in so many rows at most: further ones begin where it does. The end of one that is longer is left out.
+fn folded(sentence: &str, most: usize) -> Vec<String> {
+    let words = sentence.trim_start();
+    let indent = &sentence[..sentence.len() - words.len()];
+    let mut rows: Vec<String> = vec![indent.to_owned()];
+    for word in words.split_whitespace() {
+        let is_full = rows.len() >= most;
+        let Some(row) = rows.last_mut() else { break };
+        let is_first = row.len() == indent.len();
+        if is_first {
+            row.push_str(word);
+        } else if row.chars().count() + 1 + word.chars().count() <= COLUMNS - ELLIPSIS.len() {
+            row.push(' ');
+            row.push_str(word);
+        } else if !is_full {
+            rows.push(format!("{indent}{word}"));
+        } else {
+            row.push_str(ELLIPSIS);
+            break;
+        }
+    }
+    rows
+}
+
+/// Marks a sentence whose end is left out.
+const ELLIPSIS: &str = " ...";
 
 /// More cameras than these are counted, and the first ones named.
 const MOST_NAMED: usize = 8;
 
 /// `camera 3`, `cameras 3 and 4`, `cameras 3, 4 and 5`
 fn cameras(ids: &[u16]) -> String {
+    listed("camera", ids)
+}
+
+/// The same of other things than cameras.
+fn listed(kind: &str, ids: &[u16]) -> String {
     let names: Vec<String> = ids.iter().map(u16::to_string).collect();
     match names.split_last() {
-        Some((last, [])) => format!("camera {last}"),
+        Some((last, [])) => format!("{kind} {last}"),
         Some(_) if ids.len() > MOST_NAMED => {
             let (named, _) = names.split_at(MOST_NAMED - 2);
-            format!("{} cameras ({}, ...)", ids.len(), named.join(", "))
+            format!("{} {kind}s ({}, ...)", ids.len(), named.join(", "))
         }
-        Some((last, rest)) => format!("cameras {} and {last}", rest.join(", ")),
-        None => "no camera".to_owned(),
+        Some((last, rest)) => format!("{kind}s {} and {last}", rest.join(", ")),
+        None => format!("no {kind}"),
     }
 }

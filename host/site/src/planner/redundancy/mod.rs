@@ -408,6 +408,32 @@ impl Redundancy {
         Some((variance(0) + variance(1)).sqrt())
     }
 
+    /// Sigma of a camera's place, as [`sigma`](Self::sigma) tells it, if the distance between a stop and a camera were
+    /// measured too, to this sigma.
+    pub fn sigma_with_range(
+        &self,
+        of: usize,
+        [stop, camera]: [usize; 2],
+        sigma: f64,
+    ) -> Option<f64> {
+        let (before, survey) = (self.sigma(of)?, &self.survey);
+        let to = survey.stops.get(stop)? - survey.cameras.get(camera)?.position;
+        let along = to.try_normalize(0.0)? / sigma;
+        let mut row = Row::new(Measurement::Bearing { stop, camera });
+        let place = survey.stop_column(stop);
+        row.put(place, along.x);
+        row.put(place + 1, along.y);
+        if camera >= 2 {
+            let column = Survey::camera_column(camera);
+            row.put(column, -along.x);
+            row.put(column + 1, -along.y);
+        }
+        let column = Survey::camera_column(of);
+        let gain = [0, 1].map(|n| row.times(&self.covariance, column + n).powi(2));
+        let lowered = gain.iter().sum::<f64>() / (1.0 + row.leverage(&self.covariance));
+        Some((before.powi(2) - lowered).max(0.0).sqrt())
+    }
+
     /// The same walk, gone on with to one more stop, where these cameras see the target.
     #[must_use]
     pub fn with_stop(&self, place: Point2<f64>, looks: &[(usize, f64)]) -> Self {

@@ -2,7 +2,7 @@ use calib_core::{
     Pose, angle,
     joint::{Capacity, JointEstimator, JointMemory, JointSettings, Leg, Prior},
 };
-use nalgebra::{Matrix3, Point2, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix3, Point2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -240,4 +240,54 @@ fn a_leg_that_alone_ties_two_halves_is_checked_by_walking_back() {
             "{before:?} {after:?}"
         );
     }
+}
+
+/// A range is one more row of the information, whose derivatives are differences of distances.
+#[test]
+fn a_range_is_one_more_measurement() {
+    const STEP: f64 = 1e-6;
+    let survey = survey(3, 9);
+    let known = survey.clone().redundancy().unwrap();
+    let width = known.covariance.width();
+    let covariance = DMatrix::from_fn(width, width, |i, j| known.covariance[(i, j)]);
+    let information = covariance.try_inverse().unwrap();
+    for ([stop, camera], sigma) in [
+        ([8, 0], 0.01),
+        ([5, 1], 0.3),
+        ([6, 3], 0.02),
+        ([2, 4], 0.05),
+    ] {
+        let distance = |unknown: usize, by: f64| {
+            let mut moved = survey.clone();
+            let place = moved.stop_column(stop);
+            let column = (camera >= 2).then(|| Survey::camera_column(camera));
+            for axis in 0..2 {
+                if unknown == place + axis {
+                    moved.stops[stop][axis] += by;
+                }
+                if Some(unknown) == column.map(|column| column + axis) {
+                    moved.cameras[camera].position[axis] += by;
+                }
+            }
+            (moved.stops[stop] - moved.cameras[camera].position).norm()
+        };
+        let row = DVector::from_fn(width, |unknown, _| {
+            (distance(unknown, STEP) - distance(unknown, -STEP)) / (2.0 * STEP * sigma)
+        });
+        let after = (&information + &row * row.transpose())
+            .try_inverse()
+            .unwrap();
+        for of in 2..6 {
+            let column = Survey::camera_column(of);
+            let right = (after[(column, column)] + after[(column + 1, column + 1)]).sqrt();
+            let told = known.sigma_with_range(of, [stop, camera], sigma).unwrap();
+            assert!(
+                (told - right).abs() < 1e-5 * right,
+                "camera {of}: {told} {right}"
+            );
+            assert!(told < known.sigma(of).unwrap());
+        }
+    }
+    assert_eq!(known.sigma_with_range(1, [0, 0], 0.1), None);
+    assert_eq!(known.sigma_with_range(2, [9, 0], 0.1), None);
 }
