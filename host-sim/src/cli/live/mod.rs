@@ -121,6 +121,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             "there is no file {source}: `host-sim run SITE --events FILE` and `host-sim console --events FILE` \
              write files of events"
         ),
+        Some(source) if is_other(source) => bail!(
+            "{source} is neither the file of a site, whose name ends in `.toml`, nor one of events, as \
+             `--events FILE` of `host-sim run` and `host-sim console` writes"
+        ),
         Some(source) => simulation::run(arguments, source, &interrupted)?,
     }
     Ok(ExitCode::SUCCESS)
@@ -136,6 +140,13 @@ fn is_events(source: &str) -> bool {
         Some(line)
     };
     !is_built_in && first().is_some_and(|line| line.trim_ascii() == b"{")
+}
+
+/// Returns true if it is a file, but not that of a site.
+fn is_other(source: &str) -> bool {
+    let path = Path::new(source);
+    let is_built_in = BUILT_IN.iter().any(|(name, _)| *name == source);
+    !is_built_in && path.is_file() && path.extension().is_none_or(|end| end != "toml")
 }
 
 /// Returns true if it can only be meant as a file of events, and is not there.

@@ -26,7 +26,7 @@ mod command;
 mod record;
 mod site;
 
-pub use command::{command_name, parse_command};
+pub use command::{COMMAND_NAMES, command_name, parse_command};
 pub use site::{SitePlan, area, building_place, limits, outline};
 
 /// A camera that was asked for its sightings does not wait longer with its answer.
