@@ -132,7 +132,9 @@ fn command(text: &str) -> Result<Wish, String> {
         })
     };
     parse().ok_or_else(|| {
-        let [_, name] = text.split_once(':').map_or(["", text], |(id, name)| [id, name]);
+        let [_, name] = text
+            .split_once(':')
+            .map_or(["", text], |(id, name)| [id, name]);
         let meant = nearest(name, COMMAND_NAMES).map(|name| format!("; did you mean `{name}`?"));
         format!(
             "a camera and one of {} are needed, such as 2:learn-colour{}",

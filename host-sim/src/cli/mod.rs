@@ -204,7 +204,9 @@ fn file_name(path: &Path) -> String {
 fn of_file(path: &Path, error: ReadError) -> anyhow::Error {
     let name = file_name(path);
     match error {
-        ReadError::Io(error) => anyhow::Error::from(error).context(format!("{name} cannot be read")),
+        ReadError::Io(error) => {
+            anyhow::Error::from(error).context(format!("{name} cannot be read"))
+        }
         ReadError::Row(complaint) => anyhow!("{name}:{}: {}", complaint.line, complaint.text),
         error => anyhow!("{name} {error}"),
     }

@@ -557,7 +557,10 @@ fn planned(
 
 /// Returns true if the headings of a file look like radians: all are small, and not all are whole.
 fn are_radians(scenario: &Scenario) -> bool {
-    let cameras = scenario.networks.iter().flat_map(|network| &network.cameras);
+    let cameras = scenario
+        .networks
+        .iter()
+        .flat_map(|network| &network.cameras);
     let headings: Vec<_> = cameras.filter_map(|camera| camera.heading_deg).collect();
     headings.iter().all(|heading| heading.abs() < TAU + 0.05)
         && headings.iter().any(|heading| heading.fract() != 0.0)

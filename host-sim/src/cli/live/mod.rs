@@ -164,7 +164,8 @@ fn start(
 ) -> anyhow::Result<(Server, Receiver<Command>)> {
     let address = arguments.serve.address();
     let name = name.to_owned();
-    let (server, commands) = serve(address, About { name, kind })?;
+    let speed = arguments.speed.0.unwrap_or(0.0);
+    let (server, commands) = serve(address, About { name, kind, speed })?;
     print(&format!("{}\n", server.url()))?;
     if arguments.serve.open {
         open_browser(&server.url());

@@ -240,11 +240,11 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     browser.run(spy).await;
     let stops = "return (window.shown().record?.targets[0]?.stops.length ?? 0) >= 3";
     browser.until(stops).await;
-    // Its number in its circle, and the target on the same place, while it stands there.
+    // Its mark, and the target on the same place, while it stands there.
     let drawn = "const stop = window.shown().record.targets[0].stops.at(-1).stop;
-        const text = window.drawn.find(([name, words]) => name === 'fillText' && words === String(stop));
-        return text !== undefined && [6, 8].every(radius => window.drawn.some(([name, x, y, r]) =>
-            name === 'arc' && r === radius && Math.abs(x - text[2]) < 1 && Math.abs(y - text[3]) < 15))";
+        const circles = radius => window.drawn.filter(([name, , , r]) => name === 'arc' && r === radius);
+        return stop !== undefined && circles(2.5).some(([, x, y]) => circles(6).some(([, tx, ty]) =>
+            Math.hypot(x - tx, y - ty) < 1))";
     browser.until(drawn).await;
 
     // The first stop may be known with its target. Of a later one the begin is told, and then who saw it there.

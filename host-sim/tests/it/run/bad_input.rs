@@ -197,7 +197,10 @@ fn files_that_are_something_else() {
         (&["report", "run", &cut], "its JSON is cut off in line 1"),
         (&["solve-network", &cut], "its JSON is cut off in line 1"),
         (&["live", &cut], "its JSON is cut off in line 1"),
-        (&["live", &words], "is neither the file of a site, whose name ends in `.toml`, nor"),
+        (
+            &["live", &words],
+            "is neither the file of a site, whose name ends in `.toml`, nor",
+        ),
     ] {
         let said = refused(arguments, expected);
         for raw in ["os error", "valid UTF-8", "expected", "at line 1 column"] {
@@ -214,7 +217,10 @@ fn headings_in_radians_and_places_in_centimetres() {
     let changed = |text: &str, key: &str, factor: f64| -> String {
         let change = |text: String, part: &str| {
             let (number, rest) = part.split_at(part.find([',', ' ']).unwrap());
-            format!("{text}{key}{:.4}{rest}", factor * number.parse::<f64>().unwrap())
+            format!(
+                "{text}{key}{:.4}{rest}",
+                factor * number.parse::<f64>().unwrap()
+            )
         };
         let mut parts = text.split(key);
         let first = parts.next().unwrap().to_owned();
@@ -231,8 +237,16 @@ fn headings_in_radians_and_places_in_centimetres() {
         .collect::<Vec<_>>()
         .join("\n");
     for (name, text, expected) in [
-        ("radians.toml", radians, "are they radians? They must be degrees"),
-        ("centimetres.toml", centimetres, "are places in centimetres?"),
+        (
+            "radians.toml",
+            radians,
+            "are they radians? They must be degrees",
+        ),
+        (
+            "centimetres.toml",
+            centimetres,
+            "are places in centimetres?",
+        ),
     ] {
         let said = refused(&["run", &files.write(name, &text)], expected);
         assert!(said.split_whitespace().count() < 45, "{said}");
