@@ -125,14 +125,9 @@ fn the_first_half_hour_goes_as_the_page_says() {
     let report = fs::read_to_string(files.path("room.html")).unwrap();
     assert!(report.starts_with("<!DOCTYPE html>"));
     {
-        let rehearsal = typed(&files, next("host-sim run room.toml --console line"));
-        let mut rehearsal = Running(
-            { rehearsal }
-                .stdout(Stdio::null())
-                .stderr(Stdio::null())
-                .spawn()
-                .unwrap(),
-        );
+        let mut rehearsal = typed(&files, next("host-sim run room.toml --console line"));
+        let rehearsal = rehearsal.stdout(Stdio::null()).stderr(Stdio::null());
+        let mut rehearsal = Running(rehearsal.spawn().unwrap());
         wait_until(|| fs::symlink_metadata(files.path("line")).is_ok());
         let told = ends(&files, next("host-sim console --port line"));
         assert!(

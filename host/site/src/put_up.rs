@@ -584,12 +584,14 @@ fn far_apart(scenario: &Scenario) -> Option<ScenarioError> {
         let gaps = others.map(|(_, other, _)| (other - place).norm());
         gaps.min_by(f64::total_cmp)
     };
-    let mut all = cameras.iter().map(|&(camera, place, range)| {
-        let gap = gap((camera, place))?;
-        (gap > FAR_APART * range).then_some(ScenarioError::Centimetres { camera, range, gap })
-    });
-    let first = all.next()??;
-    all.all(|one| one.is_some()).then_some(first)
+    let all: Option<Vec<_>> = { cameras.iter() }
+        .map(|&(camera, place, range)| {
+            let gap = gap((camera, place))?;
+            let is_far = gap > FAR_APART * range;
+            is_far.then_some(ScenarioError::Centimetres { camera, range, gap })
+        })
+        .collect();
+    all?.into_iter().next()
 }
 
 /// Accuracy with which the carrier of a target measures its way.

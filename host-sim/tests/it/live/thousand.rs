@@ -63,11 +63,8 @@ pub(super) fn with_stops(cameras: usize, stops: u32) -> String {
         node.address = u16::try_from(n).ok();
     }
     for target in &mut record.targets {
-        let cameras = record
-            .nodes
-            .iter()
-            .filter(|node| node.network == target.network);
-        let Some(place) = cameras.filter_map(|node| node.estimate).next() else {
+        let mut cameras = { record.nodes.iter() }.filter(|node| node.network == target.network);
+        let Some(place) = cameras.find_map(|node| node.estimate) else {
             continue;
         };
         target.stops = (0..stops)
