@@ -465,9 +465,10 @@ pub(crate) fn open(
         .map_err(|error| open_error(path.to_owned(), &error))
 }
 
+/// Returns false for what is certainly no terminal.
 fn is_terminal(path: &str) -> bool {
     let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    rustix::fs::open(path, flags, Mode::empty()).is_ok_and(isatty)
+    rustix::fs::open(path, flags, Mode::empty()).map_or(true, isatty)
 }
 
 fn open_error(path: String, error: &serialport::Error) -> OpenError {
@@ -809,7 +810,8 @@ mod tests {
     #[test]
     fn what_the_operating_system_says_becomes_what_to_do() {
         use serialport::{Error, ErrorKind};
-        let of = |kind| open_error("/dev/null".to_owned(), &Error::new(kind, "said so"));
+        let at = |path: &str, kind| open_error(path.to_owned(), &Error::new(kind, "said so"));
+        let of = |kind| at("/dev/null", kind);
         let text = of(ErrorKind::Io(io::ErrorKind::PermissionDenied)).to_string();
         assert!(text.contains("dialout"), "{text}");
         let text = of(ErrorKind::Io(io::ErrorKind::NotFound)).to_string();
@@ -818,6 +820,8 @@ mod tests {
         let text = of(ErrorKind::NoDevice).to_string();
         assert!(text.contains("in use"), "{text}");
         let text = of(ErrorKind::Unknown).to_string();
+        assert!(text.contains("serial port: it is none."), "{text}");
+        let text = at("/nowhere", ErrorKind::Unknown).to_string();
         assert!(text.contains("said so"), "{text}");
     }
 }
