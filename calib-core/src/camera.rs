@@ -11,6 +11,7 @@ use crate::{Ray, Real, numerics::real::lit};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Projection {
     /// Equal steps of the *tangent* per column: every camera with an ordinary lens (thesis 2.4).
+    #[cfg_attr(feature = "serde", serde(alias = "pinhole"))]
     PinHole,
     /// Equal steps of the *angle* per column: the blob finder of the Stage simulator, scanning
     /// sensors, f-theta lenses.

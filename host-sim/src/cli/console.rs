@@ -14,7 +14,7 @@ use clap::Args;
 use host_sim::console::{output, session::Wish};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
-use results::view::parse_command;
+use results::view::{COMMAND_NAMES, parse_command};
 use results::{
     record::{
         event::{ObjectPlace, What},
@@ -22,7 +22,7 @@ use results::{
     },
     view::SitePlan,
 };
-use site::{BUILT_IN, Overrides, Scenario, key_file};
+use site::{BUILT_IN, Overrides, Scenario, key_file, nearest};
 
 use super::{
     and, end, file_name,
@@ -132,9 +132,15 @@ fn command(text: &str) -> Result<Wish, String> {
         })
     };
     parse().ok_or_else(|| {
-        "a camera and initialise, learn-colour, learn-background, track, stop-tracking or forget are \
-         needed, such as 2:learn-colour"
-            .to_owned()
+        let [_, name] = text
+            .split_once(':')
+            .map_or(["", text], |(id, name)| [id, name]);
+        let meant = nearest(name, COMMAND_NAMES).map(|name| format!("; did you mean `{name}`?"));
+        format!(
+            "a camera and one of {} are needed, such as 2:learn-colour{}",
+            COMMAND_NAMES.join(", "),
+            meant.unwrap_or_default()
+        )
     })
 }
 

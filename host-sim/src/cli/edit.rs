@@ -19,7 +19,7 @@ use super::{
     files::{Files, place},
     interrupt,
     live::{ServeOptions, open_browser},
-    print, values, whole_file,
+    print, values, whole_file, with_causes,
 };
 
 /// Opens a site in a browser, where cameras and walls are placed, and tells what to expect before
@@ -154,7 +154,7 @@ impl SiteFile for Kept {
             _ => self.read.as_ref(),
         };
         match read {
-            Some(file) => if_there(file).map_err(|error| format!("{error:#}")),
+            Some(file) => if_there(file).map_err(|error| with_causes(&error)),
             None => Ok(Some(self.text.clone())),
         }
     }
@@ -178,7 +178,7 @@ impl SiteFile for Kept {
                 *replaced = None;
                 Ok(format!("saved as {}", file_name(file)))
             }
-            Err(error) => Err(format!("{error:#}")),
+            Err(error) => Err(with_causes(&error)),
         })
     }
 }

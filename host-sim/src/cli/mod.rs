@@ -116,15 +116,40 @@ fn complain(error: &anyhow::Error) {
     ));
 }
 
-/// The error with its causes, except causes that it tells itself.
+/// The error with its causes, except causes that it tells itself. The words of parsers and of the operating system
+/// that mean nothing to most people are put into plain ones.
 fn with_causes(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        if !text.contains(&cause) {
-            text = format!("{text}: {cause}");
+    for cause in error.chain() {
+        let raw = cause.to_string();
+        if !text.contains(&raw) {
+            text = format!("{text}: {raw}");
+        }
+        if let Some(plain) = plain(cause) {
+            text = text.replace(&raw, &plain);
         }
     }
     text
+}
+
+/// An error of a parser or of the operating system in plain words, where its own are not.
+fn plain(error: &(dyn std::error::Error + 'static)) -> Option<String> {
+    if let Some(error) = error.downcast_ref::<io::Error>() {
+        let words = error.to_string();
+        return match words.split_once(" (os error ") {
+            _ if words.contains("valid UTF-8") => Some("it is no text in UTF-8".to_owned()),
+            Some((words, _)) => Some(words.to_owned()),
+            None => None,
+        };
+    }
+    let error = error.downcast_ref::<serde_json::Error>()?;
+    match error.classify() {
+        serde_json::error::Category::Syntax => Some(format!("line {} is no JSON", error.line())),
+        serde_json::error::Category::Eof => {
+            Some(format!("its JSON is cut off in line {}", error.line()))
+        }
+        _ => None,
+    }
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
@@ -179,7 +204,9 @@ fn file_name(path: &Path) -> String {
 fn of_file(path: &Path, error: ReadError) -> anyhow::Error {
     let name = file_name(path);
     match error {
-        ReadError::Io(error) => anyhow!("{name} cannot be read: {error}"),
+        ReadError::Io(error) => {
+            anyhow::Error::from(error).context(format!("{name} cannot be read"))
+        }
         ReadError::Row(complaint) => anyhow!("{name}:{}: {}", complaint.line, complaint.text),
         error => anyhow!("{name} {error}"),
     }

@@ -321,10 +321,10 @@ fn read(arguments: &Arguments) -> anyhow::Result<Measured> {
 fn read_json(path: &Path, text: &str) -> anyhow::Result<Measured> {
     let name = file_name(path);
     let wrong = |error: serde_json::Error| {
-        anyhow!(
-            "{name}:{}: it is neither the record of a run nor what was measured in one: {error}",
-            error.line()
-        )
+        let place = format!("{name}:{}", error.line());
+        anyhow::Error::from(error).context(format!(
+            "{place}: it is neither the record of a run nor what was measured in one"
+        ))
     };
     let value: serde_json::Value = serde_json::from_str(text).map_err(wrong)?;
     let mut measured = Measured {

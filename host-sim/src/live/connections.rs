@@ -94,6 +94,7 @@ mod tests {
         let about = About {
             name: "a".to_owned(),
             kind: "recorded",
+            speed: 0.0,
         };
         let (server, _) = start("127.0.0.1:0".parse().unwrap(), about, None, limits).unwrap();
         let url = server.url();

@@ -115,6 +115,8 @@ pub struct About {
     pub name: String,
     /// `simulation`, `network` or `recorded`: decides which commands there are.
     pub kind: &'static str,
+    /// Speed with which a simulation begins, times real time; 0 for as fast as possible.
+    pub speed: f64,
 }
 
 /// Reason why the page cannot be served.
@@ -194,7 +196,8 @@ pub fn serve_editor(
     editing: Editing,
 ) -> Result<Server, ServerError> {
     let kind = "site";
-    let about = About { name, kind };
+    let speed = 0.0;
+    let about = About { name, kind, speed };
     start(address, about, Some(editing), Limits::default()).map(|(server, _)| server)
 }
 

@@ -19,5 +19,6 @@ mod solve;
 mod solve_network;
 mod solve_reference;
 mod solve_space;
+mod start;
 mod tracking;
 mod video;

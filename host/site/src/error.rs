@@ -3,7 +3,11 @@
 use node_firmware::config::ConfigError;
 use thiserror::Error;
 
-use super::{assume::Assumption, planner::PlanError};
+use super::{
+    assume::Assumption,
+    meant::{nearest, question},
+    planner::PlanError,
+};
 
 /// Place of an error, before its description.
 fn on(line: Option<usize>) -> String {
@@ -20,7 +24,11 @@ fn list(open: &[Assumption]) -> String {
 pub enum ScenarioError {
     /// There is no built-in scenario of that name.
     #[error(
-        "there is no scenario `{name}`: there are {}; a file's name must have a `.toml` at its end",
+        "there is no scenario `{name}`{} There are {}; a file's name must have a `.toml` at its end",
+        match nearest(name, known.iter().copied()) {
+            Some(near) => format!(": did you mean `{near}`?"),
+            None => ".".to_owned(),
+        },
         known.join(", ")
     )]
     Unknown {
@@ -44,7 +52,7 @@ pub enum ScenarioError {
     #[error(
         "{}there is no key `{key}` {place}{}",
         on(*line),
-        nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean `{nearest}`?"))
+        question(nearest.as_ref())
     )]
     Key {
         /// The key.
@@ -81,6 +89,25 @@ pub enum ScenarioError {
     /// Something that matters is not said.
     #[error("the file leaves open what nodes must know:\n{}", list(.0))]
     Open(Vec<Assumption>),
+    /// No stops could be planned, and all headings are as small as radians are.
+    #[error(
+        "no stops can be planned, and every `heading_deg` lies between -6.3 and 6.3: are they radians? They must \
+         be degrees (a quarter of a turn is 90)"
+    )]
+    Radians,
+    /// No stops could be planned, and cameras see far less than the way to the next one.
+    #[error(
+        "no stops can be planned: `range` is {range}, and camera {camera} is {gap:.0} from the next: are places in \
+         centimetres? All lengths of a file are in one unit, its `unit`"
+    )]
+    Centimetres {
+        /// Number of a camera's node.
+        camera: u16,
+        /// Its range.
+        range: f64,
+        /// Distance of the camera that is nearest to it.
+        gap: f64,
+    },
     /// No stops could be planned.
     #[error("no stops can be planned for network {network}: {source}")]
     Plan {

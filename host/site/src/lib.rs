@@ -52,6 +52,7 @@ mod firmware;
 pub mod grid;
 pub mod key_file;
 pub mod keys;
+mod meant;
 pub mod node;
 mod overrides;
 pub mod page_file;
@@ -71,6 +72,7 @@ pub use file::{
     TargetTable, WalkTable, WorldTable,
 };
 pub use firmware::FirmwareTable;
+pub use meant::nearest;
 pub use overrides::Overrides;
 pub use put_up::{CameraNode, Frame, MovingObject, Network, Site, TargetNode, obstacles};
 

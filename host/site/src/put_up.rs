@@ -1,6 +1,6 @@
 //! A scenario put up: the world, and what stands and walks in it.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use calib_core::{
     camera::{Camera as Optics, Projection},
@@ -536,6 +536,14 @@ fn planned(
         target: target.index as u64,
     };
     planner::plan(&task).map_err(|why| match why {
+        PlanError::Camera { .. } | PlanError::References { .. } if are_radians(scenario) => {
+            ScenarioError::Radians
+        }
+        PlanError::Camera { .. } | PlanError::References { .. }
+            if let Some(far) = far_apart(scenario) =>
+        {
+            far
+        }
         PlanError::Camera { camera, stops } => ScenarioError::Unseen {
             camera: id_of(camera),
             stops,
@@ -545,6 +553,45 @@ fn planned(
             source,
         },
     })
+}
+
+/// Returns true if the headings of a file look like radians: all are small, and not all are whole.
+fn are_radians(scenario: &Scenario) -> bool {
+    let cameras = scenario
+        .networks
+        .iter()
+        .flat_map(|network| &network.cameras);
+    let headings: Vec<_> = cameras.filter_map(|camera| camera.heading_deg).collect();
+    headings.iter().all(|heading| heading.abs() < TAU + 0.05)
+        && headings.iter().any(|heading| heading.fract() != 0.0)
+}
+
+/// Number of ranges between a camera and the nearest other one from which on their units differ.
+const FAR_APART: f64 = 5.0;
+
+/// The error of a file in which each camera is far beyond the range of all others, as where places are told in
+/// another unit than ranges.
+fn far_apart(scenario: &Scenario) -> Option<ScenarioError> {
+    let cameras: Vec<_> = { scenario.networks.iter() }
+        .flat_map(|network| &network.cameras)
+        .filter_map(|camera| {
+            let range = camera.range.unwrap_or(scenario.camera.range);
+            Some((camera.id, camera.place()?, range))
+        })
+        .collect();
+    let gap = |(id, place): (u16, Point2<f64>)| {
+        let others = cameras.iter().filter(|(other, ..)| *other != id);
+        let gaps = others.map(|(_, other, _)| (other - place).norm());
+        gaps.min_by(f64::total_cmp)
+    };
+    let all: Option<Vec<_>> = { cameras.iter() }
+        .map(|&(camera, place, range)| {
+            let gap = gap((camera, place))?;
+            let is_far = gap > FAR_APART * range;
+            is_far.then_some(ScenarioError::Centimetres { camera, range, gap })
+        })
+        .collect();
+    all?.into_iter().next()
 }
 
 /// Accuracy with which the carrier of a target measures its way.

@@ -121,6 +121,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             "there is no file {source}: `host-sim run SITE --events FILE` and `host-sim console --events FILE` \
              write files of events"
         ),
+        Some(source) if is_other(source) => bail!(
+            "{source} is neither the file of a site, whose name ends in `.toml`, nor one of events, as \
+             `--events FILE` of `host-sim run` and `host-sim console` writes"
+        ),
         Some(source) => simulation::run(arguments, source, &interrupted)?,
     }
     Ok(ExitCode::SUCCESS)
@@ -138,6 +142,13 @@ fn is_events(source: &str) -> bool {
     !is_built_in && first().is_some_and(|line| line.trim_ascii() == b"{")
 }
 
+/// Returns true if it is a file, but not that of a site.
+fn is_other(source: &str) -> bool {
+    let path = Path::new(source);
+    let is_built_in = BUILT_IN.iter().any(|(name, _)| *name == source);
+    !is_built_in && path.is_file() && path.extension().is_none_or(|end| end != "toml")
+}
+
 /// Returns true if it can only be meant as a file of events, and is not there.
 fn is_lost(source: &str) -> bool {
     let path = Path::new(source);
@@ -153,7 +164,8 @@ fn start(
 ) -> anyhow::Result<(Server, Receiver<Command>)> {
     let address = arguments.serve.address();
     let name = name.to_owned();
-    let (server, commands) = serve(address, About { name, kind })?;
+    let speed = arguments.speed.0.unwrap_or(0.0);
+    let (server, commands) = serve(address, About { name, kind, speed })?;
     print(&format!("{}\n", server.url()))?;
     if arguments.serve.open {
         open_browser(&server.url());

@@ -32,8 +32,12 @@ class Brush {
     const wide = 80 / this.view.times;
     const power = 10 ** Math.floor(Math.log10(wide));
     const length = [5, 2, 1].find(times => times * power <= wide) * power;
-    this.context.fillStyle = this.colours.faint;
-    this.context.fillRect(8, this.view.height - 24, length * this.view.times, 2);
+    const {context} = this;
+    context.fillStyle = this.colours.faint;
+    const [left, low, pixels] = [8, this.view.height - 8, length * this.view.times];
+    context.fillRect(left, low, pixels, 2);
+    context.fillRect(left, low - 4, 1, 6);
+    context.fillRect(left + pixels, low - 4, 1, 6);
     return `${Number(length.toPrecision(2))} ${this.record.unit.name}`;
   }
 
@@ -62,8 +66,8 @@ class Brush {
     }
   }
 
-  // A camera with its ellipse so many times larger; `named`: with its number.
-  camera(node, times, named, isChosen) {
+  // A camera with its ellipse so many times larger, and with its number at a place, if it has one.
+  camera(node, times, number, isChosen) {
     const {record, context} = this;
     const at = drawnAt(record, node);
     if (!at) return;
@@ -91,10 +95,7 @@ class Brush {
       context.arc(0, 0, 11, 0, 2 * Math.PI);
       context.stroke();
     }
-    if (named) {
-      const away = -at.heading * DEGREE + Math.PI;
-      this.word(node.id, 15 * Math.cos(away), 15 * Math.sin(away), (node.reference ? 'bold ' : '') + '12px', 'ink');
-    }
+    if (number) this.word(node.id, ...number, cameraFont(node), 'ink');
     context.restore();
   }
 
@@ -103,7 +104,7 @@ class Brush {
     context.fillStyle = this.colours[colour];
     context.textAlign = 'center';
     context.textBaseline = 'middle';
-    context.font = font + ' system-ui, sans-serif';
+    context.font = font;
     context.fillText(String(words), x, y);
   }
 
@@ -180,8 +181,8 @@ class Brush {
     context.globalAlpha = 1;
   }
 
-  // The stops of a target in their order, and on to where it is now.
-  stops(target, now) {
+  // The stops of a target in their order, and on to where it is now; those with a place for it have their number.
+  stops(target, now, numbers) {
     const {record, context} = this;
     const way = now ? [...target.stops, now] : target.stops;
     context.strokeStyle = this.colours.target;
@@ -195,11 +196,11 @@ class Brush {
       context.fillStyle = this.colours.ground;
       context.strokeStyle = this.colours.target;
       context.beginPath();
-      context.arc(x, y, 8, 0, 2 * Math.PI);
+      context.arc(x, y, 2.5, 0, 2 * Math.PI);
       context.fill();
       context.stroke();
-      // Nodes count on from any number: a number that is too long for the circle stands above it.
-      this.word(stop.stop, x, stop.stop < 1000 ? y + 0.5 : y - 14, '11px', 'ink');
+      const number = numbers.get(`${target.id} ${stop.stop}`);
+      if (number) this.word(stop.stop, x + number[0], y + number[1], STOP_FONT, 'faint');
     }
   }
 
@@ -248,7 +249,7 @@ class Brush {
     const [px, py] = this.toScreen(x, y);
     context.fillStyle = this.colours.object;
     context.fillRect(px - 8, py - 8, 16, 16);
-    this.word(object, px, py + 0.5, 'bold 11px', 'ground');
+    this.word(object, px, py + 0.5, 'bold 11px system-ui, sans-serif', 'ground');
   }
 }
 

@@ -50,16 +50,15 @@ class Layer {
   }
 }
 
-function* steps(context, {view, record, colours, shapes, cameras, chosen, times}) {
+function* steps(context, {view, record, colours, shapes, cameras, chosen, times, labels}) {
   const brush = new Brush(context, view, record, colours, shapes);
   for (const node of cameras) {
     brush.fieldOfView(node, node.id === chosen);
     yield;
   }
   brush.walls();
-  const named = cameras.length <= 200;
   for (const node of cameras) {
-    brush.camera(node, times, named, node.id === chosen);
+    brush.camera(node, times, labels.numbers.get(node.id), node.id === chosen);
     yield;
   }
 }
@@ -67,6 +66,6 @@ function* steps(context, {view, record, colours, shapes, cameras, chosen, times}
 function isSame(a, b) {
   const same = (one, other) => one.length === other.length && one.every((item, i) => item === other[i]);
   return ['x', 'y', 'times'].every(key => a.view[key] === b.view[key])
-    && ['chosen', 'times', 'colours', 'shapes'].every(key => a[key] === b[key])
+    && ['chosen', 'times', 'colours', 'shapes', 'labels'].every(key => a[key] === b[key])
     && same(a.record.networks, b.record.networks) && same(a.cameras, b.cameras);
 }

@@ -3,6 +3,7 @@
 const eventHistory = new History();
 let chosen = null;
 let stale = true;
+let link = {words: 'connecting', isLost: false};
 const changed = () => { stale = true; };
 const choose = id => { chosen = chosen === id ? null : id; plan.chosen = chosen; changed(); };
 const plan = new Plan(byId('map'), byId('hover'), byId('scale'), choose);
@@ -12,14 +13,17 @@ const source = new Source(events => {
   for (const event of events) eventHistory.push(event);
   if (timeline.follows) changed(); else timeline.show();
 }, (words, isLost) => {
-  setText(byId('link'), words);
+  link = {words, isLost};
   byId('link').classList.toggle('lost', isLost);
+  changed();
 });
 
 function showAll() {
   const state = timeline.follows ? eventHistory.latest : eventHistory.at(timeline.seconds);
   // The latest state goes on: the shown part of it is of this moment.
   plan.show({...state, rays: state.rays, record: state.record && {...state.record}});
+  const isOver = !link.isLost && eventHistory.latest.ended !== null && kind !== 'recorded';
+  setText(byId('link'), isOver ? 'the walk has ended' : link.words);
   showBanner(state);
   checklist.show(state, chosen);
   showObjects(byId('objects'), state);
@@ -83,13 +87,8 @@ function makeControls(kind) {
   controls.hidden = false;
   controls.append(element('h2', 'Controls'));
   if (kind === 'simulation') {
-    const [speed, times] = number('speed', 10);
     const [jam, seconds] = number('for', 10);
     controls.append(
-      group('Time',
-        button('pause', () => send({do: 'pause'}), 'Space'), button('go on', () => send({do: 'resume'})),
-        speed, button('set', () => send({do: 'speed', times: times()})),
-        button('as fast as possible', () => send({do: 'speed', times: 0}))),
       group('Disturb', jam, element('span', 's'),
         button('jam the radio', () => send({do: 'jam', seconds: seconds()})),
         button('let the carrier drift', () => {
@@ -124,6 +123,15 @@ function makeControls(kind) {
   }
 }
 
+// Shows a speed among those to choose from.
+function setRate(times) {
+  const rate = byId('rate');
+  if (![...rate.options].some(option => Number(option.value) === times)) {
+    rate.prepend(element('option', `${times}x`, {value: times}));
+  }
+  rate.value = String(times);
+}
+
 let closing = null;
 function countDown(seconds) {
   clearInterval(closing);
@@ -142,17 +150,10 @@ byId('zoom-out').addEventListener('click', () => plan.zoom(0.8));
 byId('zoom-fit').addEventListener('click', () => plan.all());
 byId('detail-close').addEventListener('click', () => choose(chosen));
 
-let isPaused = false;
 document.addEventListener('keydown', event => {
   if (event.target.closest?.('input, select, button, #map')) return;
-  if (event.key === ' ') {
-    if (kind === 'simulation' && timeline.follows && !eventHistory.latest.ended) {
-      isPaused = !isPaused;
-      send({do: isPaused ? 'pause' : 'resume'});
-    } else {
-      timeline.toggle();
-    }
-  } else if (event.key === 'l') timeline.follow();
+  if (event.key === ' ') timeline.toggle();
+  else if (event.key === 'l') timeline.follow();
   else if (event.key === 'ArrowLeft') timeline.go(timeline.moment - 5);
   else if (event.key === 'ArrowRight') timeline.go(timeline.moment + 5);
   else if (event.key === 'Escape' && chosen !== null) choose(chosen);
@@ -169,10 +170,15 @@ if (!source.isFile) {
     setText(byId('name'), about.name);
     document.title = about.name;
     if (kind !== 'recorded') makeControls(kind);
+    if (kind === 'simulation') {
+      timeline.simulation = {send, isPaused: false};
+      setRate(about.speed);
+    }
     source.listen();
   }).catch(() => {
-    setText(byId('link'), 'the server does not answer');
+    link = {words: 'the server does not answer', isLost: true};
     byId('link').classList.add('lost');
+    changed();
   });
 }
 

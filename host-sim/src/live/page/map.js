@@ -203,12 +203,14 @@ class Plan {
     context.fillRect(0, 0, this.width, this.height);
     if (!record) return;
     const times = this.magnification(cameras);
-    const wanted = {view: {...this.view}, record, colours, shapes, cameras, chosen, times};
-    if (!this.layer.update(wanted, [this.canvas.width, this.canvas.height])) this.dirty = true;
     const brush = this.brush();
+    const labels = this.labels(brush, record, cameras, places);
+    const wanted = {view: {...this.view}, record, colours, shapes, cameras, chosen, times, labels};
+    if (!this.layer.update(wanted, [this.canvas.width, this.canvas.height])) this.dirty = true;
+    // Below the cameras, which they must not hide.
+    for (const target of record.targets) brush.stops(target, places.get(target.id), labels.stops);
     this.layer.draw(brush);
     for (const {ray, place, share} of rays) brush.ray(ray, place, share);
-    for (const target of record.targets) brush.stops(target, places.get(target.id));
     brush.next(verdict?.walk_to ?? []);
     for (const target of record.targets) {
       brush.target(target, places.get(target.id), stopped.get(target.id), times);
@@ -217,7 +219,20 @@ class Plan {
     for (const object of objects.values()) brush.object(object);
     const words = times > 1 ? `, ellipses (95 %) ${times} times larger` : ', ellipses hold 95 %';
     const frame = frameWords(record);
-    setText(this.scale, brush.ruler() + words + (frame && `; ${frame}`));
+    setText(this.scale, `the line is ${brush.ruler()}${words}` + (frame && `; ${frame}`));
+  }
+
+  // Places of all numbers; the same as before, if nothing moved.
+  labels(brush, record, cameras, places) {
+    const {x, y, times, width, height} = this.view;
+    const seen = cameras.map(node => [node.id, node.estimate?.x, node.estimate?.y, node.estimate?.heading_deg]);
+    const stops = record.targets.map(target => target.stops.map(stop => [stop.stop, stop.x, stop.y]));
+    const key = cameras.length > 200 ? `${stops}` : `${[x, y, times, width, height, this.standing]} ${seen} ${stops}`;
+    if (this.labelKey !== key) {
+      this.labelKey = key;
+      this.placed = labelsOf(brush, record, cameras, places);
+    }
+    return this.placed;
   }
 
   // Magnification of ellipses, which show nothing if they have only a few pixels.

@@ -32,11 +32,36 @@ function showBanner(state) {
   if (!verdict) {
     setText(byId('verdict'), state.record ? 'The network finds itself.' : 'Nothing is known yet.');
     setText(byId('walk'), '');
+    showFindings([]);
     return;
   }
-  setText(byId('verdict'), verdict.words.split('\n')[0]);
-  byId('verdict').title = verdict.words;
-  setText(byId('walk'), verdict.words.split('\n').find(line => line.startsWith('Next')) ?? '');
+  const [first, ...lines] = verdict.words.split('\n').map(line => line.trim()).filter(line => line);
+  // A walk that has ended goes nowhere: then it is advice like the rest.
+  const next = state.ended === null ? lines.find(line => line.startsWith('Next')) : undefined;
+  setText(byId('verdict'), first);
+  setText(byId('walk'), next ?? '');
+  // What needs attention comes first.
+  const rank = line => (/^(\d+ )?cameras? /.test(line) ? 0 : line.startsWith('Next') ? 1 : 2);
+  const others = lines.filter(line => line !== next).sort((a, b) => rank(a) - rank(b));
+  showFindings(others);
+}
+
+// Findings that are shown at once.
+const FINDINGS = 5;
+
+function showFindings(lines) {
+  showLines(byId('findings'), lines.slice(0, FINDINGS));
+  const more = lines.slice(FINDINGS);
+  byId('more').hidden = !more.length;
+  setText(byId('more').querySelector('summary'), `${more.length} more`);
+  showLines(byId('more').querySelector('ul'), more);
+}
+
+function showLines(list, lines) {
+  const key = JSON.stringify(lines);
+  if (list.shown === key) return;
+  list.shown = key;
+  list.replaceChildren(...lines.map(line => element('li', line)));
 }
 
 // The texts of the cells of a camera's row, each with whether it is well.
@@ -87,14 +112,13 @@ class Checklist {
       }
       row.classList.toggle('chosen', node.id === chosen);
       // The row of a camera that did not change, and has no other advice, is there already.
-      const words = adviceFor(node, advice.get(node.id));
+      const words = advice.get(node.id);
       const standing = JSON.stringify(frameOf(state.record, node.network));
       if (row.shown === node && row.advice === words && row.standing === standing) continue;
       row.shown = node;
       row.standing = standing;
       row.advice = words;
-      row.words.hidden = !words;
-      setText(row.words.cells[0], words ?? '');
+      row.title = adviceFor(node, words) ?? '';
       cellsOf(state.record, node, row.advice).forEach(([text, isWell], i) => {
         const cell = row.cells[i + 1];
         setText(cell, text);
@@ -102,7 +126,7 @@ class Checklist {
       });
     }
     for (const [id, row] of this.rows) {
-      if (!known.has(id)) { row.words.remove(); row.remove(); this.rows.delete(id); }
+      if (!known.has(id)) { row.remove(); this.rows.delete(id); }
     }
   }
 
@@ -113,13 +137,9 @@ class Checklist {
     head.append(button);
     row.append(head);
     for (let i = 0; i < 7; i++) row.append(element('td'));
-    row.words = element('tr', undefined, {class: 'advice'});
-    row.words.append(element('td', undefined, {colspan: 8}));
-    row.words.addEventListener('click', () => this.choose(id));
     row.addEventListener('click', () => this.choose(id));
     const after = [...this.rows].filter(([other]) => other > id).sort((a, b) => a[0] - b[0])[0];
     this.body.insertBefore(row, after?.[1] ?? null);
-    row.after(row.words);
     return row;
   }
 }
@@ -220,7 +240,7 @@ function showDetail(state, history, chosen) {
   if (!node) return;
   setText(byId('detail-name'), `Camera ${node.id}${node.reference ? ', reference' : ''}`);
   const advice = state.verdict?.findings.filter(finding => finding.node === chosen).map(finding => finding.words);
-  setText(byId('detail-words'), advice?.join('; ') || statusWords(node));
+  setText(byId('detail-words'), adviceFor(node, advice?.join('; ')) || statusWords(node));
   const residuals = node.residuals.map(residual =>
     `stop ${residual.stop}: ${digits(residual.residual_deg, 2)}\u00b0 (${digits(residual.normalised, 1)} sigma)`);
   const error = node.error && errorOf(state.record, node);

@@ -7,10 +7,18 @@ class Timeline {
     this.seconds = 0;
     this.playing = false;
     this.marked = -1;
+    // A simulation that goes on: `send` tells it, `isPaused` if it stands still.
+    this.simulation = null;
+    byId('rate').addEventListener('change', () => {
+      if (this.drives) this.simulation.send({do: 'speed', times: Number(byId('rate').value)});
+    });
     byId('scrub').addEventListener('input', event => this.go(Number(event.target.value)));
     byId('now').addEventListener('click', () => this.follow());
     byId('play').addEventListener('click', () => this.toggle());
   }
+
+  // The controls are those of the simulation, not of a replay.
+  get drives() { return this.simulation !== null && this.follows && this.history.latest.ended === null; }
 
   // The moment that is shown.
   get moment() { return this.follows ? this.history.end : this.seconds; }
@@ -29,7 +37,11 @@ class Timeline {
 
   // Plays from the beginning, if it is at the end and nothing comes.
   toggle() {
-    if (this.follows) {
+    if (this.drives) {
+      const {simulation} = this;
+      simulation.isPaused = !simulation.isPaused;
+      simulation.send({do: simulation.isPaused ? 'pause' : 'resume'});
+    } else if (this.follows) {
       this.follows = false;
       this.playing = this.history.latest.ended !== null;
       this.seconds = this.playing ? this.history.begin : this.history.end;
@@ -43,7 +55,7 @@ class Timeline {
   // Lets replayed time pass; returns true if another moment is to be shown.
   tick(elapsed) {
     if (!this.playing) return false;
-    this.seconds = Math.min(this.seconds + elapsed * Number(byId('rate').value), this.history.end);
+    this.seconds = Math.min(this.seconds + elapsed * (Number(byId('rate').value) || Infinity), this.history.end);
     if (this.seconds >= this.history.end) this.playing = false;
     return true;
   }
@@ -56,9 +68,11 @@ class Timeline {
     scrub.value = this.moment;
     setText(byId('clock'), `${this.moment.toFixed(1)} s`);
     byId('now').classList.toggle('on', this.follows);
-    const runs = this.playing || this.follows && !this.history.latest.ended;
-    setText(byId('play'), runs ? 'hold' : 'play');
-    byId('play').setAttribute('aria-label', runs ? 'Hold this moment' : 'Play');
+    const runs = this.drives ? !this.simulation.isPaused : this.playing || this.follows && !this.history.latest.ended;
+    const [stop, go] = this.drives ? ['pause', 'go on'] : ['hold', 'play'];
+    setText(byId('play'), runs ? stop : go);
+    setText(byId('rate-of'), this.drives ? 'speed' : 'replay');
+    byId('play').setAttribute('aria-label', runs ? `${stop} this moment` : go);
     byId('play').setAttribute('aria-pressed', String(runs));
     this.mark();
   }

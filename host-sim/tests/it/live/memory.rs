@@ -68,6 +68,7 @@ async fn memory_does_not_grow_without_end() {
     let about = host_sim::live::About {
         name: "thesis-13".to_owned(),
         kind: "recorded",
+        speed: 0.0,
     };
     let address = "127.0.0.1:0".parse().unwrap();
     let (server, _commands) = host_sim::live::serve(address, about).unwrap();

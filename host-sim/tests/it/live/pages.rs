@@ -12,6 +12,7 @@ use tempfile::TempDir;
 use super::{
     browser::{Browser, free_port},
     looks::{ask, banner, lab, live, shows},
+    thousand,
 };
 
 #[tokio::test]
@@ -82,6 +83,9 @@ pub(super) async fn a_simulation_shows_itself(browser: Browser) {
         .until("return document.body.dataset.ended === 'true'")
         .await;
     shows(&browser, &record).await;
+    // After the end nothing is said to go on.
+    let over = "return [document.getElementById('link').textContent, document.getElementById('walk').textContent]";
+    assert_eq!(browser.run(over).await, json!(["the walk has ended", ""]));
     // The verdict was told piece by piece, and is that of the end, word for word.
     let verdict = events.iter().rev().find_map(|event| match &event.what {
         What::Verdict {
@@ -132,6 +136,79 @@ pub(super) async fn a_simulation_shows_itself(browser: Browser) {
         .await;
     shows(&browser, &record).await;
     browser.end().await;
+}
+
+/// The controls of time are those of the simulation while it is followed, and of a replay otherwise.
+#[tokio::test]
+async fn there_is_one_set_of_controls_of_time() {
+    let (_server, url) = live(&["lab", "--speed", "3x"]);
+    let browser = Browser::start(390).await;
+    browser.client.goto(&url).await.unwrap();
+    let words = |id: &str| format!("return document.getElementById('{id}').textContent");
+    let is = |id: &str, text: &str| {
+        format!("return document.getElementById('{id}').textContent === '{text}'")
+    };
+    browser.until(&is("play", "pause")).await;
+    assert_eq!(browser.run(&words("rate-of")).await, json!("speed"));
+    let rate = "return document.getElementById('rate').value";
+    assert_eq!(browser.run(rate).await, json!("3"));
+    let others = "return [...document.querySelectorAll('#controls legend')].map(legend => legend.textContent)";
+    let others = browser.run(others).await;
+    assert!(!others.to_string().contains("Time"), "{others}");
+    browser.run("document.getElementById('play').click()").await;
+    browser.until(&is("sent", "pause: sent")).await;
+    browser.until(&is("play", "go on")).await;
+    let faster = "const rate = document.getElementById('rate'); rate.value = '30';
+        rate.dispatchEvent(new Event('change'))";
+    browser.run(faster).await;
+    browser.until(&is("sent", "speed: sent")).await;
+    // Another moment is replayed.
+    let back = "const scrub = document.getElementById('scrub'); scrub.value = '0';
+        scrub.dispatchEvent(new Event('input'))";
+    browser.run(back).await;
+    browser.until(&is("rate-of", "replay")).await;
+    browser.end().await;
+}
+
+/// Numbers of cameras and stops, as they are drawn: none lies over another, and most cameras have theirs.
+#[tokio::test]
+async fn no_number_lies_over_another() {
+    let folder = TempDir::new().unwrap();
+    let page = folder.path().join("many.html");
+    fs::write(&page, thousand::with_stops(60, 40)).unwrap();
+    for (width, least) in [(390, 25), (1280, 50)] {
+        let browser = Browser::start(width).await;
+        let url = format!("file://{}", page.display());
+        browser.client.goto(&url).await.unwrap();
+        let spy = "window.words = [];
+            const kind = CanvasRenderingContext2D.prototype;
+            const own = kind.fillText;
+            kind.fillText = function (words, x, y) {
+                const {width} = this.measureText(words);
+                const at = this.getTransform().transformPoint(new DOMPoint(x, y));
+                const {a} = this.getTransform();
+                if (this.textBaseline === 'middle') {
+                    window.words.push([words, at.x / a, at.y / a, width, parseFloat(this.font.match(/(\\d+)px/)[1])]);
+                }
+                own.call(this, words, x, y);
+            };";
+        browser.run(spy).await;
+        // Drawn anew as a whole.
+        browser
+            .run("window.words = []; document.getElementById('zoom-in').click()")
+            .await;
+        let drawn =
+            format!("return window.words.filter(([words]) => words < 62200).length >= {least}");
+        browser.until(&drawn).await;
+        let over = "
+            const drawn = new Map(window.words.map(word => [word[0], word]));
+            const all = [...drawn.values()];
+            return all.flatMap(([a, ax, ay, aw, ah], i) => all.slice(i + 1)
+                .filter(([, bx, by, bw, bh]) => Math.abs(ax - bx) * 2 < aw + bw && Math.abs(ay - by) * 2 < ah + bh)
+                .map(([b]) => `${a} and ${b}`))";
+        assert_eq!(browser.run(over).await, json!([]));
+        browser.end().await;
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use calib_core::{Pose, Status};
 use host_sim::network::{Options, Simulation};
 use nalgebra::{Matrix3, Point2};
-use results::record::{Estimate, RunRecord, event};
+use results::record::{Estimate, RunRecord, Stop, event};
 use site::{Overrides, Scenario};
 
 /// Zooms and moves on before each frame. Tells for each the time of its scripts, the number of paths that they
@@ -34,6 +34,11 @@ pub(super) const MOVES: &str = "
 
 /// A report of a network of so many cameras, all of which know their poses.
 pub(super) fn report(cameras: usize) -> String {
+    with_stops(cameras, 0)
+}
+
+/// The same, with so many stops of each target, whose numbers are as long as those of a node that ran before.
+pub(super) fn with_stops(cameras: usize, stops: u32) -> String {
     let overrides = Overrides {
         nodes: Some(cameras),
         ..Overrides::default()
@@ -56,6 +61,24 @@ pub(super) fn report(cameras: usize) -> String {
             _ => Status::Calibrated,
         });
         node.address = u16::try_from(n).ok();
+    }
+    for target in &mut record.targets {
+        let mut cameras = { record.nodes.iter() }.filter(|node| node.network == target.network);
+        let Some(place) = cameras.find_map(|node| node.estimate) else {
+            continue;
+        };
+        target.stops = (0..stops)
+            .map(|n| {
+                let angle = f64::from(n);
+                Stop {
+                    stop: 62_200 + n,
+                    seconds: None,
+                    x: place.x + angle / 8.0 * angle.cos(),
+                    y: place.y + angle / 8.0 * angle.sin(),
+                    believed: None,
+                }
+            })
+            .collect();
     }
     let record: RunRecord = record;
     host_sim::live::report(&event::of_record(&record, None)).unwrap()

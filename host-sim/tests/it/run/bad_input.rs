@@ -111,7 +111,23 @@ fn options_out_of_their_range() {
             &["run", "lab", "--port", "3=/x", "--port", "3=/y"],
             "two ports",
         ),
-        (&["run", "thesis"], "there are thesis-13, lab, grid"),
+        (
+            &["run", "thesis"],
+            "did you mean `thesis-13`? There are thesis-13, lab, grid",
+        ),
+        (
+            &["console", "--port", "x", "--command", "2:lern-colour"],
+            "did you mean `learn-colour`?",
+        ),
+        (
+            &["live", "lab", "--listen", "203.0.113.7"],
+            "this computer does not have the address 203.0.113.7: give",
+        ),
+        (
+            &["console", "--port", "/dev/null"],
+            "/dev/null cannot be used as a serial port: it is none",
+        ),
+        (&["live", "walk.ndjson"], "there is no file walk.ndjson: "),
         (&["sweep", "lab", "--seeds", "5..1"], "such as 1..50"),
         (
             &["sweep", "lab", "--seeds", "0..18446744073709551615"],
@@ -133,7 +149,7 @@ fn files_that_are_no_scenarios() {
     for (content, expected) in [
         (&b""[..], "missing field `name`"),
         (&lab.as_bytes()[..lab.len() / 2], "bad.toml: "),
-        (b"\xff\xfe", "valid UTF-8"),
+        (b"\xff\xfe", "it is no text in UTF-8"),
         (
             b"name = \"x\"\nnmae = 3",
             "line 2: there is no key `nmae` at the top of the file: did you mean `name`?",
@@ -154,6 +170,86 @@ fn files_that_are_no_scenarios() {
         fs::remove_file(&file).unwrap();
         let message = refused(&["run", &file], "No such file");
         assert_eq!(message.matches("No such file").count(), 1, "{message}");
+    }
+}
+
+/// Words of parsers are not for people.
+#[test]
+fn files_that_are_something_else() {
+    let files = Files::new();
+    let [bytes, words, cut] = [
+        ("bytes.csv", &b"\xff\xfe\0a"[..]),
+        ("words.json", b"nope"),
+        ("cut.json", b"{\"format\": "),
+    ]
+    .map(|(name, content)| {
+        let path = files.path(name);
+        fs::write(&path, content).unwrap();
+        path
+    });
+    let no_text = "it is no text in UTF-8";
+    for (arguments, expected) in [
+        (&["solve-network", &bytes][..], no_text),
+        (&["report", "run", &bytes], no_text),
+        (&["edit", &bytes], no_text),
+        (&["camera", "--pty", "x", "--scene", &bytes], no_text),
+        (&["report", "run", &words], "line 1 is no JSON"),
+        (&["report", "run", &cut], "its JSON is cut off in line 1"),
+        (&["solve-network", &cut], "its JSON is cut off in line 1"),
+        (&["live", &cut], "its JSON is cut off in line 1"),
+        (
+            &["live", &words],
+            "is neither the file of a site, whose name ends in `.toml`, nor",
+        ),
+    ] {
+        let said = refused(arguments, expected);
+        for raw in ["os error", "valid UTF-8", "expected", "at line 1 column"] {
+            assert!(!said.contains(raw), "{said}");
+        }
+    }
+}
+
+/// Each has a sentence of its own.
+#[test]
+fn headings_in_radians_and_places_in_centimetres() {
+    let files = Files::new();
+    let thesis = include_str!("../../../../host/site/scenarios/thesis-13.toml");
+    let changed = |text: &str, key: &str, factor: f64| -> String {
+        let change = |text: String, part: &str| {
+            let (number, rest) = part.split_at(part.find([',', ' ']).unwrap());
+            format!(
+                "{text}{key}{:.4}{rest}",
+                factor * number.parse::<f64>().unwrap()
+            )
+        };
+        let mut parts = text.split(key);
+        let first = parts.next().unwrap().to_owned();
+        parts.fold(first, change)
+    };
+    let radians = changed(thesis, ", heading_deg = ", 1_f64.to_radians());
+    let centimetres = changed(&changed(thesis, ", x = ", 100.0), ", y = ", 100.0);
+    let centimetres = { centimetres.lines() }
+        .map(|line| match line.split_once(" = [") {
+            Some(("low", _)) => "low = [-200, -200]",
+            Some(("high", _)) => "high = [2800, 2800]",
+            _ => line,
+        })
+        .collect::<Vec<_>>()
+        .join("\n");
+    for (name, text, expected) in [
+        (
+            "radians.toml",
+            radians,
+            "are they radians? They must be degrees",
+        ),
+        (
+            "centimetres.toml",
+            centimetres,
+            "are places in centimetres?",
+        ),
+    ] {
+        let said = refused(&["run", &files.write(name, &text)], expected);
+        assert!(said.split_whitespace().count() < 45, "{said}");
     }
 }
 

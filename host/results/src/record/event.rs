@@ -540,7 +540,7 @@ pub enum StreamError {
     Io(#[from] io::Error),
     /// A line is no event.
     #[error("line {0} is no event: {1}")]
-    Line(usize, serde_json::Error),
+    Line(usize, #[source] serde_json::Error),
     /// The first line is not that of a stream.
     #[error("it does not begin as a stream of events does")]
     NoBegin,

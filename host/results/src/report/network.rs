@@ -109,8 +109,8 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
     if !solution.left_out.is_empty() {
         writeln!(
             out,
-            "Left out: stops {}. Nothing ties them to the rest: measure the way there, or let two \
-             calibrated cameras see one of them.",
+            "Left out: stops {}. The way there was not measured, and no two cameras with a pose see one of \
+             them: measure it, or let two calibrated cameras see one of them.",
             solution
                 .left_out
                 .iter()

@@ -2,6 +2,16 @@
 
 use node_firmware::message::CameraCommand;
 
+/// Names of all commands.
+pub const COMMAND_NAMES: [&str; 6] = [
+    "initialise",
+    "learn-colour",
+    "learn-background",
+    "track",
+    "stop-tracking",
+    "forget",
+];
+
 /// `learn-colour`, or `learn-colour=1` of another colour than the first.
 pub fn parse_command(name: &str) -> Option<CameraCommand> {
     Some(match name {

@@ -26,7 +26,7 @@ mod command;
 mod record;
 mod site;
 
-pub use command::{command_name, parse_command};
+pub use command::{COMMAND_NAMES, command_name, parse_command};
 pub use site::{SitePlan, area, building_place, limits, outline};
 
 /// A coordinator that tells nothing for so long does not answer any more.

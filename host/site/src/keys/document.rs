@@ -6,7 +6,7 @@ use toml::{
 };
 
 use super::{KEYS, Key, Kind, limits::LARGE};
-use crate::{check::refuse, error::ScenarioError};
+use crate::{check::refuse, error::ScenarioError, meant};
 
 type Value<'a> = Spanned<DeValue<'a>>;
 
@@ -62,19 +62,23 @@ fn name_of(key: &Key) -> &'static str {
     name.trim_end_matches("[]")
 }
 
-/// Likeness from which on a name was probably meant.
-const LIKE: f64 = 0.7;
-
 /// The key that was probably meant.
 fn nearest(path: &str, own: &str) -> Option<String> {
-    let likeness = |key: &Key| strsim::jaro_winkler(name_of(key), own);
-    let best = siblings(path).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
-    if likeness(best) > LIKE {
-        return Some(name_of(best).into());
+    if let Some(name) = meant::nearest(own, siblings(path).map(name_of)) {
+        return Some(name.into());
     }
     // It may belong elsewhere.
     let elsewhere = KEYS.iter().find(|key| name_of(key) == own)?;
     Some(elsewhere.path.into())
+}
+
+/// Returns true if it is one of these, or the other spelling of a lens.
+fn is_choice(names: &[&str], text: &str) -> bool {
+    let text = match text {
+        "pinhole" => "pin-hole",
+        text => text,
+    };
+    names.contains(&text)
 }
 
 fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
@@ -152,15 +156,12 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
             Ok(())
         }
         Kind::Texts if found.is_str() => Ok(()),
-        Kind::Choice(names) if found.as_str().is_some_and(|text| names.contains(&text)) => Ok(()),
+        Kind::Choice(names) if found.as_str().is_some_and(|text| is_choice(names, text)) => Ok(()),
         Kind::Choice(names) => {
-            let likeness = |name: &str| strsim::jaro_winkler(name, found.as_str().unwrap_or(""));
-            let best = names
-                .iter()
-                .max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-            let meant = best.filter(|name| likeness(name) > LIKE);
-            let hint = meant.map(|name| format!(": did you mean `\"{name}\"`?"));
-            let allowed = format!("{}{}", key.kind, hint.unwrap_or_default());
+            let text = found.as_str().unwrap_or("");
+            let hint = meant::nearest(text, names.iter().copied());
+            let hint = meant::question(hint.map(|name| format!("\"{name}\"")));
+            let allowed = format!("{}{hint}", key.kind);
             Err((refuse(field, show(found), allowed), value.span().start))
         }
         Kind::OneOf(all) => match whole(found) {

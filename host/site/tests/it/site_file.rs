@@ -423,9 +423,9 @@ fn errors_name_key_and_line() {
             ["no key `stps` at the top", "did you mean `stops`?"],
         ),
         (
-            SITE.replace("\"pin-hole\"", "\"pinhole\""),
+            SITE.replace("\"pin-hole\"", "\"pinnhole\""),
             [
-                "line 5: `camera.projection` is pinhole: it must be `\"pin-hole\"` or",
+                "line 5: `camera.projection` is pinnhole: it must be `\"pin-hole\"` or",
                 "did you mean `\"pin-hole\"`?",
             ],
         ),
