@@ -32,7 +32,7 @@ pub enum Draw {
 }
 
 impl Draw {
-    /// Which of both kinds a run has: those that come and go, and a systematic one.
+    /// Kinds of faults that a run has: those that come and go, and a systematic one.
     fn kinds(self, number: u64) -> [bool; 2] {
         match self {
             Self::Daily => [true, number % TENTH == TENTH - 1],
