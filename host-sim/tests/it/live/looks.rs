@@ -168,7 +168,7 @@ pub(super) fn ask(url: &str, request: &str) -> String {
 }
 
 /// Waits for a file, such as the line of a coordinator.
-pub(super) fn await_file(path: &str) {
+fn await_file(path: &str) {
     wait_until(|| Path::new(path).exists());
 }
 
