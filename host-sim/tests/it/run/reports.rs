@@ -82,6 +82,16 @@ fn the_answer_fits_a_screen() {
     let folded: String = verdict.brief().split_whitespace().collect();
     let whole: String = verdict.to_string().split_whitespace().collect();
     assert_eq!(folded, whole);
+
+    // Poses that are not checked are told in the row that the next stop leaves.
+    let mut unchecked = Sample::default().run();
+    for node in unchecked.nodes.iter_mut().filter(|node| node.id > 3) {
+        node.protection = None;
+    }
+    let brief = Verdict::of(&unchecked).brief();
+    assert!(brief.lines().count() <= 5, "{brief}");
+    assert!(brief.contains("not checked"), "{brief}");
+    assert!(brief.contains("\nNext: "), "{brief}");
 }
 
 /// Returns true if a camera of the sample sees a place, from geometry.

@@ -545,12 +545,13 @@ impl Verdict {
         let mut room = ROWS.saturating_sub(rows.len() + first.len());
         for (number, problem) in problems.iter().enumerate() {
             let is_last = number + 1 == problems.len() && left == 0;
-            let own = folded(problem, SENTENCE_ROWS);
             // A row is kept that tells how much is left out.
-            if own.len() + usize::from(!is_last) > room {
+            let free = room.saturating_sub(usize::from(!is_last));
+            if free == 0 {
                 left += problems.len() - number;
                 break;
             }
+            let own = folded(problem, SENTENCE_ROWS.min(free));
             room -= own.len();
             rows.extend(own);
         }
