@@ -2,7 +2,7 @@ use calib_core::{
     Pose, angle,
     joint::{Capacity, JointEstimator, JointMemory, JointSettings, Leg, Prior},
 };
-use nalgebra::{DMatrix, DVector, Matrix3, Point2, Vector2};
+use nalgebra::{Matrix3, Point2, SMatrix, SVector, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -246,10 +246,13 @@ fn a_leg_that_alone_ties_two_halves_is_checked_by_walking_back() {
 #[test]
 fn a_range_is_one_more_measurement() {
     const STEP: f64 = 1e-6;
-    let survey = survey(3, 9);
+    const STOPS: usize = 9;
+    /// Unknowns of four cameras and these stops.
+    const WIDTH: usize = COMMON + 3 * 4 + 2 * STOPS;
+    let survey = survey(3, STOPS);
     let known = survey.clone().redundancy().unwrap();
-    let width = known.covariance.width();
-    let covariance = DMatrix::from_fn(width, width, |i, j| known.covariance[(i, j)]);
+    assert_eq!(known.covariance.width(), WIDTH);
+    let covariance = SMatrix::<f64, WIDTH, WIDTH>::from_fn(|i, j| known.covariance[(i, j)]);
     let information = covariance.try_inverse().unwrap();
     for ([stop, camera], sigma) in [
         ([8, 0], 0.01),
@@ -271,12 +274,10 @@ fn a_range_is_one_more_measurement() {
             }
             (moved.stops[stop] - moved.cameras[camera].position).norm()
         };
-        let row = DVector::from_fn(width, |unknown, _| {
+        let row = SVector::<f64, WIDTH>::from_fn(|unknown, _| {
             (distance(unknown, STEP) - distance(unknown, -STEP)) / (2.0 * STEP * sigma)
         });
-        let after = (&information + &row * row.transpose())
-            .try_inverse()
-            .unwrap();
+        let after = (information + row * row.transpose()).try_inverse().unwrap();
         for of in 2..6 {
             let column = Survey::camera_column(of);
             let right = (after[(column, column)] + after[(column + 1, column + 1)]).sqrt();
