@@ -316,7 +316,7 @@ fn ctrl_c_ends_listening() {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        assert!(lines.any(|line| line.unwrap().contains("camera 2: calibrated: x")));
+        assert!(lines.any(|line| line.unwrap().contains("camera 2: calibrated: sigma")));
         let mut kill = Command::new("kill");
         let kill = kill.args(["-INT", &child.id().to_string()]).status();
         assert!(kill.unwrap().success());
