@@ -161,9 +161,9 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
     legend.extend((!is_short).then(|| format!("lengths in {unit}")));
     let has_reference = record.cameras().any(|camera| camera.reference);
     legend.extend(has_reference.then(|| "* reference".to_owned()));
-    legend.push("seen: number of sightings".to_owned());
+    legend.push("seen: sightings".to_owned());
     format!(
-        "{}\nfault: how far one unnoticed wrong measurement moves it at most; open: farther than is tolerated\n{}",
+        "{}\nfault: how far one unnoticed wrong measurement moves it at most; open: more than is tolerated\n{}",
         legend.join("; "),
         print(&table)
     )
