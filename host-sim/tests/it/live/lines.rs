@@ -236,16 +236,18 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     let _rehearsal = rehearsal(site.to_str().unwrap(), "10x", &[line]);
     let (_server, url) = live(&["--port", line, "--site", "lab"]);
     let browser = Browser::start(1280).await;
-    // Each picture is looked at when the next one is begun: a stop's mark, and the target on the same place, while
-    // it stands there.
+    // Each picture is looked at when the next one is begun, and the last one in the end: a stop's mark, and the target
+    // on the same place, while it stands there.
     let spy = "window.circles = [];
         window.isDrawn = false;
         const kind = CanvasRenderingContext2D.prototype;
         const {setTransform, arc} = kind;
         const of = radius => window.circles.filter(([, , r]) => r === radius);
+        window.isThere = () =>
+            of(2.5).some(([x, y]) => of(6).some(([tx, ty]) => Math.hypot(x - tx, y - ty) < 1));
         kind.setTransform = function (...all) {
             if (this.canvas.id === 'map') {
-                window.isDrawn ||= of(2.5).some(([x, y]) => of(6).some(([tx, ty]) => Math.hypot(x - tx, y - ty) < 1));
+                window.isDrawn ||= window.isThere();
                 window.circles = [];
             }
             return setTransform.apply(this, all);
@@ -258,7 +260,9 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     browser.run(spy).await;
     let stops = "return (window.shown().record?.targets[0]?.stops.length ?? 0) >= 3";
     browser.until(stops).await;
-    browser.until("return window.isDrawn").await;
+    browser
+        .until("return window.isDrawn || window.isThere()")
+        .await;
 
     // The first stop may be known with its target. Of a later one the begin is told, and then who saw it there.
     let mut begun = Vec::new();
