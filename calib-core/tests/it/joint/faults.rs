@@ -2,7 +2,7 @@
 
 use calib_core::{
     Limits,
-    joint::{Finding, JointError, Standing},
+    joint::{Finding, JointError, Progress, Round, Standing},
 };
 use test_support::{
     Random, generator,
@@ -354,4 +354,43 @@ fn the_noise_of_legs_is_told_by_their_residuals() {
         assert!(started >= 16.0, "{times}: {started}");
         assert!((0.85..1.1).contains(&(mean / times)), "{times}: {mean}");
     }
+}
+
+/// A carrier who errs by far more than he claims is no reason to leave out what cameras saw.
+#[test]
+fn bearings_stay_where_all_legs_err() {
+    let (mut left_out, mut all, mut started) = (0, 0, 0);
+    for seed in 0..24 {
+        let mut walk = walk(seed);
+        walk.errors.length *= 4.0;
+        walk.errors.direction *= 4.0;
+        walk.carry(&mut generator(seed));
+        for leg in &mut walk.legs {
+            leg.covariance /= 16.0;
+        }
+        let mut joint = filled::<f32>(&walk, LIMITS);
+        joint.begin(Round {
+            findings: 4,
+            leg_noise: true,
+            protection: false,
+        });
+        let over = loop {
+            match joint.step() {
+                Ok(Progress::Over(_)) => break true,
+                Ok(_) => {}
+                Err(_) => break false,
+            }
+        };
+        if !over {
+            continue;
+        }
+        started += 1;
+        for camera in 0..walk.cameras.len() {
+            let [came, counting] = joint.bearings_of(camera);
+            all += came;
+            left_out += came - counting;
+        }
+    }
+    assert!(started >= 8, "{started}");
+    assert!(left_out * 100 < all, "{left_out} of {all}");
 }
