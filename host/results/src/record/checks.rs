@@ -361,11 +361,10 @@ impl Gain {
 impl Walk<'_> {
     /// Gain of the camera of these that gains most, from one state of knowledge to another.
     fn gain(&self, wishing: &[usize], before: &Redundancy, after: &Redundancy) -> Option<Gain> {
-        let [old, new] = [before, after].map(|walk| walk.levels(wishing));
-        let gains = wishing
-            .iter()
+        let [begun, old, new] = [&self.known, before, after].map(|walk| walk.levels(wishing));
+        let gains = { wishing.iter().zip(begun) }
             .zip(old.iter().zip(new))
-            .filter_map(|(&index, (old, new))| {
+            .filter_map(|((&index, begun), (old, new))| {
                 let node = self.cameras[index];
                 // The model's own numbers are a little off those of the target: shares are not.
                 Some(match node.status {
@@ -379,12 +378,16 @@ impl Walk<'_> {
                             to: from * after.sigma(index)? / begun,
                         }
                     }
-                    _ => Gain {
-                        camera: node.id,
-                        of: Gained::Protection,
-                        from: old.position,
-                        to: new.position,
-                    },
+                    _ => {
+                        let told = node.protection.map_or(begun.position, |told| told.position);
+                        let scale = told / begun.position;
+                        Gain {
+                            camera: node.id,
+                            of: Gained::Protection,
+                            from: old.position * scale,
+                            to: new.position * scale,
+                        }
+                    }
                 })
             });
         gains.min_by(|a, b| f64::total_cmp(&(a.to / a.from), &(b.to / b.from)))

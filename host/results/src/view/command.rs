@@ -55,16 +55,10 @@ mod tests {
 
     #[test]
     fn what_is_typed_is_what_is_meant() {
-        for name in [
-            "initialise",
-            "learn-background",
-            "stop-tracking",
-            "forget",
-            "learn-colour",
-            "learn-colour=2",
-            "track",
-            "track=1",
-        ] {
+        for name in COMMAND_NAMES
+            .into_iter()
+            .chain(["learn-colour=2", "track=1"])
+        {
             assert_eq!(parse_command(name).map(command_name).as_deref(), Some(name));
         }
         for name in ["", "track=", "forget=1", "track=256", "sleep"] {
