@@ -335,11 +335,12 @@ fn packages_and_linker(sh: &Shell) -> Result<()> {
 }
 
 /// Installs the tools of later stages, so that it is told at once if one cannot be installed. Sources and tools
-/// that are built are fetched where they are needed.
+/// that are built are fetched where they are needed, and so are those of stages of the night that do not run.
 fn set_up(sh: &Shell) -> Result<()> {
     setup::locked(sh)?;
     setup::targets(sh)?;
-    for stage in &STAGES {
+    let is_all = sh.var_os(LONG).is_some();
+    for stage in STAGES.iter().filter(|stage| is_all || !stage.nightly) {
         if let Some(why) = left_out(stage, sh, setup::is_ci())? {
             eprintln!("{} will be left out: {why}", stage.name);
         }
