@@ -57,6 +57,9 @@ struct Arguments {
     /// Share of the cameras that saw enough which need not be calibrated
     #[arg(long, default_value_t = 0.0)]
     late: f64,
+    /// Only runs with one of these, rows of the second table, such as `unknown baseline`
+    #[arg(long, value_name = "WHAT")]
+    having: Vec<String>,
     /// Faults that are drawn
     #[arg(long, value_enum, default_value_t)]
     draw: Draw,
@@ -71,6 +74,12 @@ struct Arguments {
 impl Arguments {
     fn scenario(&self, number: u64) -> site::Scenario {
         scenario::draw(self.seed, number, self.draw)
+    }
+
+    /// Returns true if a run is asked for.
+    fn takes(&self, number: u64) -> bool {
+        let of = || scenario::ingredients(&self.scenario(number));
+        self.having.is_empty() || of().iter().any(|own| self.having.iter().any(|name| name == own))
     }
 }
 
@@ -151,7 +160,8 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let numbers = arguments.first..arguments.first + arguments.runs;
     // Only on a terminal: `indicatif` hides it otherwise.
     let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {eta} left, {msg}")?;
-    let bar = ProgressBar::new(arguments.runs).with_style(style);
+    let numbers: Vec<_> = numbers.filter(|number| arguments.takes(*number)).collect();
+    let bar = ProgressBar::new(numbers.len() as u64).with_style(style);
     let (mut tally, mut impossible) = (Tally::default(), None);
     runs::side_by_side(
         numbers,
