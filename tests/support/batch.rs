@@ -9,7 +9,8 @@ use super::{turn, walk::Walk};
 #[derive(Clone, Debug)]
 pub struct Batch {
     /// Unknowns: scale, compass, both reference headings, every stop, `(x, y, heading)` of each camera
-    /// that is solved, every mark, the error of every lens if there is one, that of every principal column.
+    /// that is solved, every mark, the error of every lens if there is one, that of every principal column, and the
+    /// baseline if it is not known.
     pub x: Vec<f64>,
     /// Their covariance.
     pub covariance: Vec<Vec<f64>>,
@@ -19,6 +20,7 @@ pub struct Batch {
     pub first: Vec<Option<usize>>,
     /// First unknown of the lenses.
     lenses: usize,
+    baseline: Option<usize>,
     stops: usize,
 }
 
@@ -28,6 +30,16 @@ impl Batch {
     ///
     /// `prior` are the sigmas of scale and compass around one and zero.
     pub fn solve(walk: &Walk, prior: [f64; 2], takes_part: impl Fn(usize) -> bool) -> Option<Self> {
+        Self::solve_with(walk, prior, true, takes_part)
+    }
+
+    /// The same with a baseline that may be one of the unknowns.
+    pub fn solve_with(
+        walk: &Walk,
+        prior: [f64; 2],
+        is_baseline_known: bool,
+        takes_part: impl Fn(usize) -> bool,
+    ) -> Option<Self> {
         let mut x = vec![
             walk.carrier[0],
             walk.carrier[1],
@@ -54,8 +66,11 @@ impl Batch {
                 x.extend(vec![0.0; walk.cameras.len()]);
             }
         }
+        let baseline = (!is_baseline_known).then_some(x.len());
+        x.extend(baseline.map(|_| walk.cameras[1].x));
         let system = System {
             walk,
+            baseline,
             prior,
             first: &first,
             marks,
@@ -83,6 +98,7 @@ impl Batch {
             chi_squared,
             first,
             lenses,
+            baseline,
             stops: walk.places.len(),
         })
     }
@@ -94,6 +110,12 @@ impl Batch {
             Vector3::from_fn(|i, _| self.x[first + i]),
             Matrix3::from_fn(|i, j| self.covariance[first + i][first + j]),
         ))
+    }
+
+    /// The baseline and its variance, if it is not known.
+    pub fn baseline(&self) -> Option<(f64, f64)> {
+        let at = self.baseline?;
+        Some((self.x[at], self.covariance[at][at]))
     }
 
     /// Scale and variance of a camera's lens.
@@ -123,6 +145,7 @@ struct System<'a> {
     first: &'a [Option<usize>],
     marks: usize,
     lenses: usize,
+    baseline: Option<usize>,
 }
 
 impl System<'_> {
@@ -144,12 +167,15 @@ impl System<'_> {
                 all.push((residual, vec![0, 1, from, from + 1, from + 2, from + 3]));
             }
         }
-        let baseline = self.walk.cameras[1].x;
+        let baseline = { self.baseline }.map_or(self.walk.cameras[1].x, |at| x[at]);
         for seen in &self.walk.bearings {
             let at = 4 + 2 * seen.stop;
             let (camera, heading, mut takes) = match (seen.camera, self.first[seen.camera]) {
                 (0, _) => (Point2::origin(), 2, vec![2]),
-                (1, _) => (Point2::new(baseline, 0.0), 3, vec![3]),
+                (1, _) => {
+                    let takes = [3].into_iter().chain(self.baseline);
+                    (Point2::new(baseline, 0.0), 3, takes.collect())
+                }
                 (_, Some(c)) => (Point2::new(x[c], x[c + 1]), c + 2, vec![c, c + 1, c + 2]),
                 _ => continue,
             };
@@ -186,6 +212,9 @@ impl System<'_> {
             all.push((off / ranged.sigma, takes));
         }
         for (lens, error) in x.iter().enumerate().skip(self.lenses) {
+            if self.baseline == Some(lens) {
+                break;
+            }
             let is_focal = lens < self.lenses + self.walk.cameras.len();
             let sigma = match is_focal {
                 true => self.walk.lens_sigma,

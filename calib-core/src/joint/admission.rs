@@ -5,6 +5,8 @@
 //! [`solve_rejecting`]). One with exactly three agrees with anything and tells the others nothing,
 //! so it is solved last, when they are settled.
 
+use nalgebra::Matrix2;
+
 use super::descent::WITNESSED;
 use super::problem::{NONE, Problem, REFERENCES, Sight, Standing};
 use crate::{
@@ -19,8 +21,11 @@ const MOST: usize = 16;
 const GATE: f64 = 4.0;
 /// A pose that rests on the camera's bearings alone may be so many times less certain than the limits allow:
 /// for these a place is as uncertain as the leg that led there, and sightings of it by other cameras are left
-/// out. The pose from all bearings together has to be within the limits.
+/// out unless they tell far more. The pose from all bearings together has to be within the limits.
 const ADMITTED: f64 = 4.0;
+/// Ratio of the determinants of two informations of a place from which on one tells far more: ten times in each
+/// direction.
+const FAR_MORE: f64 = 1e4;
 /// Least number of different bearings of a camera that stands for one that was moved.
 const DIFFERENT: usize = 3;
 
@@ -178,20 +183,23 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// A bearing as the camera would solve it on its own: places are as uncertain, against each
-    /// other, as the leg that led there.
+    /// other, as the leg that led there, or as other cameras see them if these tell far more: the leg may not have
+    /// been measured.
     fn sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
         let stop = self.stops.get(usize::from(sight.stop))?;
         let [w11, w21, w22] = stop.root;
         let (bearing, sigma) = self.bearing_at(sight);
         let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
-        if w11 > T::zero() && w22 > T::zero() {
-            let (l11, l22) = (w11.recip(), w22.recip());
-            let l21 = -w21 * l11 * l22;
-            let c = &mut sighting.target_covariance;
-            c.m11 = l11 * l11;
-            c.m12 = l11 * l21;
-            c.m21 = c.m12;
-            c.m22 = l21 * l21 + l22 * l22;
+        let of_leg = Matrix2::new(w11 * w11 + w21 * w21, w21 * w22, w21 * w22, w22 * w22);
+        let of_others = self.told_by_others(sight);
+        let [by_leg, by_others] = [of_leg, of_others].map(|of| of.determinant());
+        let information = if by_others > by_leg * lit(FAR_MORE) {
+            of_others
+        } else {
+            of_leg
+        };
+        if let Some(covariance) = information.try_inverse() {
+            sighting.target_covariance = covariance;
         }
         let standing = self.common.standing;
         for axis in 0..2 {
@@ -200,6 +208,21 @@ impl<T: Real> Problem<'_, T> {
             }
         }
         Some(sighting)
+    }
+
+    /// Information that other cameras' bearings give of the place of a sight.
+    fn told_by_others(&self, sight: &Sight<T>) -> Matrix2<T> {
+        let mut information = Matrix2::zeros();
+        for other in self.sights.iter() {
+            if other.stop == sight.stop
+                && other.camera != sight.camera
+                && other.standing == Standing::Counts
+                && let Some(row) = self.sight_row(other)
+            {
+                information += row.by_place * row.by_place.transpose();
+            }
+        }
+        information
     }
 
     /// Excludes the bearings that are off the consensus.

@@ -1,6 +1,6 @@
 //! Answers of a solve, with covariances.
 
-use nalgebra::{Matrix2, Point2, SMatrix};
+use nalgebra::{Matrix2, Point2, SMatrix, Vector3};
 
 use super::{
     Carrier, Lens, ReferenceHeadings, StopPlace,
@@ -35,7 +35,34 @@ impl<T: Real> Problem<'_, T> {
         } else {
             pose.covariance = pose_of(&block);
         }
+        if !self.common.is_baseline_known {
+            let with_scale = self.with_scale(camera).ok_or(Refusal::Undetermined)?;
+            self.add_scale_error(&mut pose, with_scale)?;
+        }
         Ok(pose)
+    }
+
+    /// The same in true lengths.
+    pub(super) fn told_pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
+        let pose = self.pose(camera)?;
+        Ok(self.common.stretched(pose))
+    }
+
+    /// Lengths are to be multiplied by the carrier's scale: adds its error to a pose, which has this covariance with
+    /// it.
+    fn add_scale_error(
+        &mut self,
+        pose: &mut Pose<T>,
+        with_scale: Vector3<T>,
+    ) -> Result<(), Refusal> {
+        let covariance = self.pair_covariance(SCALE);
+        let covariance = covariance.filter(|_| !self.common.is_carrier_undetermined);
+        let variance = covariance.ok_or(Refusal::Undetermined)?.m11;
+        let by_scale = pose.position.coords.push(T::zero()) / self.common.carrier.x;
+        let half = with_scale + by_scale * (variance * lit(0.5));
+        let with = by_scale * half.transpose();
+        pose.covariance += with + with.transpose();
+        Ok(())
     }
 
     /// Lens of a camera.
@@ -76,11 +103,31 @@ impl<T: Real> Problem<'_, T> {
         let known = self.stops.get(stop).ok_or(Refusal::TooFew)?;
         let (position, is_undetermined) = (known.place, known.is_undetermined);
         self.tell()?;
-        let covariance = self.pair_covariance(STOPS + 2 * stop);
+        let i = STOPS + 2 * stop;
+        let covariance = self.pair_covariance(i);
         let covariance = covariance.filter(|_| !is_undetermined);
-        Ok(StopPlace {
+        let covariance = covariance.ok_or(Refusal::Undetermined)?;
+        if self.common.is_baseline_known {
+            return Ok(StopPlace {
+                position,
+                covariance,
+            });
+        }
+        // As a pose that looks nowhere.
+        let mut pose = Pose {
             position,
-            covariance: covariance.ok_or(Refusal::Undetermined)?,
+            heading: T::zero(),
+            covariance: SMatrix::zeros(),
+        };
+        pose.covariance
+            .fixed_view_mut::<2, 2>(0, 0)
+            .copy_from(&covariance);
+        let with_scale = self.scale_with_pair(i).ok_or(Refusal::Undetermined)?;
+        self.add_scale_error(&mut pose, with_scale.push(T::zero()))?;
+        let told = self.common.stretched(pose);
+        Ok(StopPlace {
+            position: told.position,
+            covariance: told.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
         })
     }
 
@@ -88,10 +135,23 @@ impl<T: Real> Problem<'_, T> {
         self.tell()?;
         let covariance = self.pair_covariance(SCALE);
         let covariance = covariance.filter(|_| !self.common.is_carrier_undetermined);
+        let mut covariance = covariance.ok_or(Refusal::Undetermined)?;
+        let mut scale = self.common.carrier.x;
+        if !self.common.is_baseline_known {
+            // Estimated was the baseline.
+            let prior = self.common.scale_prior;
+            scale = prior.mean;
+            covariance = Matrix2::new(
+                prior.sigma * prior.sigma,
+                T::zero(),
+                T::zero(),
+                covariance.m22,
+            );
+        }
         Ok(Carrier {
-            scale: self.common.carrier.x,
+            scale,
             compass: self.common.carrier.y,
-            covariance: covariance.ok_or(Refusal::Undetermined)?,
+            covariance,
         })
     }
 
@@ -140,7 +200,7 @@ impl<T: Real> Problem<'_, T> {
             let counts = |stop: &Stop<T>| stop.standing == Standing::Counts;
             self.stops.get(stop).is_some_and(counts) && self.leg_rows(stop).is_some()
         });
-        // The carrier's priors are as many as its unknowns.
+        // The carrier's priors are as many as its unknowns and the baseline.
         let rows = sights.count() + 2 * (legs.count() + self.visits.len());
         let cameras = self.cameras.iter().filter(|c| c.takes_part).count();
         let is_visited = |mark| self.visits.iter().any(|visit| visit.mark == mark);
@@ -148,7 +208,10 @@ impl<T: Real> Problem<'_, T> {
             .take(self.marks.len())
             .filter(|mark| is_visited(*mark));
         let marks = marks.count();
-        let unknowns = 2 * (self.stops.len() + marks) + 3 * cameras + 2;
+        let unknowns = 2 * (self.stops.len() + marks)
+            + 3 * cameras
+            + 2
+            + usize::from(!self.common.is_baseline_known);
         rows.saturating_sub(unknowns)
     }
 }

@@ -133,6 +133,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             standing,
             lens,
             principal,
+            is_baseline_known,
             limits,
         } = settings;
         let optics = Optics::new(lens, principal);
@@ -163,6 +164,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(Self {
             common: Common {
                 baseline,
+                is_baseline_known,
                 scale_prior: scale,
                 compass_prior: compass,
                 standing: stands(standing, baseline),
@@ -260,6 +262,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.counted = [0; 3];
         let common = &mut self.common;
         common.baseline = baseline;
+        common.is_baseline_known = settings.is_baseline_known;
         common.scale_prior = settings.scale;
         common.compass_prior = settings.compass;
         common.standing = stands(settings.standing, baseline);
@@ -547,7 +550,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// # Errors
     /// [`Refusal::TooFew`] for a camera that does not take part (yet); [`Refusal::Undetermined`].
     pub fn pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
-        self.solved()?.pose(camera)
+        self.solved()?.told_pose(camera)
     }
 
     /// Lens of a camera: the scale of its bearings' tangents.
@@ -568,7 +571,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.place(stop)
     }
 
-    /// Systematic errors of the carrier.
+    /// Systematic errors of the carrier. Nothing tells his scale but its prior where the baseline is not known.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve; [`Refusal::Undetermined`].

@@ -2,7 +2,7 @@
 //! references' headings from all measurements together.
 //!
 //! Two references define the frame: camera 0 is the origin, camera 1 at `(baseline, 0)`; their
-//! headings are unknown. A target walks from stop to stop. Its carrier measures every displacement,
+//! headings are unknown. So is the baseline, if asked ([`JointSettings::is_baseline_known`]). A target walks from stop to stop. Its carrier measures every displacement,
 //! with a scale and a compass of its own, and cameras that see it measure its bearing. Unknown are the places
 //! of all stops, the pose of every camera, the two headings, and the carrier's scale and compass offset, of
 //! which a prior is known.
@@ -44,6 +44,11 @@
 //! displacement is the carrier's reading: the true one, turned by its compass offset and stretched by its
 //! scale, plus noise of the covariance that the caller gives. A range is `|p - c|` plus noise. A visit to a
 //! mark says that a place is that of the mark, which is unknown too: visited twice, it closes a loop.
+//!
+//! **Without a baseline** bearings and legs tell everything but the size of the whole. The estimator keeps the
+//! baseline that it was given as its unit, and lets the carrier's scale free. Where the carrier reads right, that
+//! scale is the true unit over this one, so answers are multiplied by it. Their covariance has the error of that
+//! scale, with which they are correlated, and that of the carrier's own.
 //!
 //! # Contradictions
 //! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest most,
@@ -247,7 +252,11 @@ pub struct JointSettings<T> {
     /// Standard deviation of every camera's principal column, as the tangent of the angle that it is off: columns
     /// over the focal length in columns. It is estimated and takes room as the focal length does.
     pub principal: Option<T>,
-    /// Sigmas up to which a camera takes part: those that all bearings together give it.
+    /// Camera 1 stands as far from camera 0 as the estimator was told. If not, the distance is estimated from no
+    /// prior, what was told is a guess, and the carrier's [scale](Self::scale) sets all lengths. Ranges say nothing then.
+    pub is_baseline_known: bool,
+    /// Sigmas up to which a camera takes part: those that all bearings together give it, without the error of a
+    /// carrier's scale that sets all lengths.
     pub limits: Limits<T>,
 }
 
@@ -267,6 +276,7 @@ impl<T: Real> Default for JointSettings<T> {
             standing: T::zero(),
             lens: None,
             principal: None,
+            is_baseline_known: true,
             limits: Limits {
                 position: lit(0.5),
                 heading: lit(0.087_266_463),

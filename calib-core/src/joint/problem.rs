@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
 use super::{Prior, ProtectionLevels, Solver, StopTag, Undetermined};
 use crate::{
-    Real, angle,
+    Pose, Real, angle,
     numerics::plane::{self, dot, quarter_turn},
     numerics::real::lit,
 };
@@ -204,6 +204,8 @@ impl<T: Real> Default for Unknown<T> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Common<T: Real> {
     pub baseline: T,
+    /// If not, it is a guess and the unit, and the carrier's scale has no prior here.
+    pub is_baseline_known: bool,
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
     pub standing: T,
@@ -236,6 +238,30 @@ impl<T: Real> Common<T> {
     /// for them.
     pub(super) fn is_whole(&self) -> bool {
         cfg!(feature = "solver") && self.is_whole
+    }
+
+    /// True lengths over those of the estimates.
+    pub(super) fn stretch(&self) -> T {
+        if self.is_baseline_known {
+            T::one()
+        } else {
+            self.carrier.x / self.scale_prior.mean
+        }
+    }
+
+    /// A pose of the estimates in true lengths, with the error of the carrier's scale where that sets them.
+    pub(super) fn stretched(&self, mut pose: Pose<T>) -> Pose<T> {
+        if self.is_baseline_known {
+            return pose;
+        }
+        let (k, one) = (self.stretch(), T::one());
+        let off =
+            pose.position.coords.push(T::zero()) * (self.scale_prior.sigma / self.scale_prior.mean);
+        pose.covariance += off * off.transpose();
+        let by = Vector3::new(k, k, one);
+        pose.covariance.component_mul_assign(&(by * by.transpose()));
+        pose.position *= k;
+        pose
     }
 }
 
@@ -558,7 +584,8 @@ impl<T: Real> Problem<'_, T> {
         )
     }
 
-    /// A bearing's or a range's row; `None` if its camera is not estimated or the target is right on it.
+    /// A bearing's or a range's row; `None` if its camera is not estimated or the target is right on it, and for a
+    /// range where no length is known.
     pub(super) fn sight_row(&self, sight: &Sight<T>) -> Option<SightRow<T>> {
         let camera = usize::from(sight.camera);
         let [first, last] = self.common.window;
@@ -575,6 +602,9 @@ impl<T: Real> Problem<'_, T> {
         // Where the target stood when this camera looked is a little beside where it stopped.
         let (sigma, standing) = (sight.sigma, self.common.standing);
         if sight.quantity == Quantity::Range {
+            if !self.common.is_baseline_known {
+                return None;
+            }
             let weight = (sigma * sigma + standing * standing).sqrt().recip();
             let range = range2.sqrt();
             let by_place = to_target * (weight / range);

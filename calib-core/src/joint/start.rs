@@ -219,6 +219,7 @@ impl<T: Real> Problem<'_, T> {
         self.restore_priors(starting);
         let Common {
             baseline,
+            is_baseline_known,
             scale_prior,
             compass_prior,
             ..
@@ -227,7 +228,7 @@ impl<T: Real> Problem<'_, T> {
         let [mut takes_scale, mut takes_compass] = [false; 2];
         while let Some(taken) = TAKEN.get(starting.taken) {
             [takes_scale, takes_compass] = *taken;
-            if (!takes_scale || is_known(scale_prior))
+            if (!takes_scale || is_known(scale_prior) && is_baseline_known)
                 && (!takes_compass || is_known(compass_prior))
             {
                 break;
@@ -243,7 +244,11 @@ impl<T: Real> Problem<'_, T> {
         // A claim that the sightings contradict is none: they tell then.
         let common = &mut *self.common;
         for (prior, value, is_taken) in [
-            (&mut common.scale_prior, best.carrier.x, takes_scale),
+            (
+                &mut common.scale_prior,
+                best.carrier.x,
+                takes_scale || !is_baseline_known,
+            ),
             (&mut common.compass_prior, best.carrier.y, takes_compass),
         ] {
             let off = angle::wrap_signed(value - prior.mean).abs();

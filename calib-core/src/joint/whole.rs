@@ -285,6 +285,16 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
+    /// The covariance of the carrier's scale with a camera's unknowns.
+    pub(super) fn whole_with_scale(&mut self, camera: usize, with: &mut [T]) -> Option<()> {
+        let first = self.of_camera(camera) + self.axes(camera).start;
+        self.with_solver(|_, solver| {
+            let own = solver.columns(SCALE, 1)?.get(first..first + with.len())?;
+            with.copy_from_slice(own);
+            Some(())
+        })
+    }
+
     pub(super) fn whole_pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
         self.with_solver(|_, solver| {
             let across = solver.covariance(i, i + 1)?;
@@ -310,7 +320,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// See [`influences`](Self::influences).
+    /// See [`influences`](Self::influences). The movement of a scale that sets all lengths is left out: a fault of one
+    /// measurement of so many hardly moves it.
     pub(super) fn whole_influences(
         &mut self,
         camera: usize,
@@ -395,7 +406,12 @@ impl<T: Real> Problem<'_, T> {
             (COMPASS, common.carrier.y, common.compass_prior),
         ]
         .map(|(i, value, prior)| {
-            let weight = prior.sigma.recip();
+            let is_free = i == SCALE && !common.is_baseline_known;
+            let weight = if is_free {
+                T::zero()
+            } else {
+                prior.sigma.recip()
+            };
             (i, (value - prior.mean) * weight, weight)
         })
     }

@@ -79,7 +79,10 @@ impl Arguments {
     /// Returns true if a run is asked for.
     fn takes(&self, number: u64) -> bool {
         let of = || scenario::ingredients(&self.scenario(number));
-        self.having.is_empty() || of().iter().any(|own| self.having.iter().any(|name| name == own))
+        self.having.is_empty()
+            || of()
+                .iter()
+                .any(|own| self.having.iter().any(|name| name == own))
     }
 }
 

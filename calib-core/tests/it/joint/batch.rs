@@ -7,7 +7,7 @@ use test_support::{
     walk::{CarrierErrors, Visited, Walk},
 };
 
-use crate::joint::support::{Joint, WIDE, add, filled, number, prior, through_lenses};
+use crate::joint::support::{Joint, WIDE, add, filled, filled_with, number, prior, through_lenses};
 
 const CASES: [(&str, CarrierErrors); 3] = [
     ("unknown carrier", CarrierErrors::UNKNOWN),
@@ -22,12 +22,30 @@ fn off<T: calib_core::Real + Into<f64>>(joint: &mut Joint<T>, walk: &Walk) -> (f
         .map(|camera| joint.pose(camera).is_ok())
         .collect();
     let batch = Batch::solve(walk, prior(&walk.errors), |camera| taken[camera]).unwrap();
+    off_batch(joint, walk, &taken, &batch)
+}
+
+fn off_batch<T: calib_core::Real + Into<f64>>(
+    joint: &mut Joint<T>,
+    walk: &Walk,
+    taken: &[bool],
+    batch: &Batch,
+) -> (f64, f64) {
     let (mut worst, mut worst_sigma) = (0.0_f64, 0.0_f64);
     let mut compare = |difference: f64, variance: T, expected: f64| {
         worst = worst.max(difference.abs() / expected.sqrt());
         let ratio = (variance.into() / expected).sqrt();
         worst_sigma = worst_sigma.max((ratio - 1.0).abs());
     };
+    if let Some((expected, variance)) = batch.baseline() {
+        let pose = joint.pose(1).unwrap();
+        let c = pose.covariance;
+        compare(pose.position.x.into() - expected, c.m11, variance);
+        // The frame says that it is right before the first one.
+        assert_eq!([pose.position.y.into(), c.m22.into()], [0.0; 2]);
+        let first = joint.pose(0).unwrap();
+        assert_eq!(first.covariance.m11.into(), 0.0);
+    }
     for camera in (2..walk.cameras.len()).filter(|&camera| taken[camera]) {
         let pose = joint.pose(camera).unwrap();
         let (expected, covariance) = batch.camera(camera).unwrap();
@@ -88,6 +106,38 @@ fn equals_the_dense_batch() {
                 "{name} {seed}: {} cameras",
                 solution.cameras
             );
+        }
+    }
+}
+
+/// A distance between the references that is one of the unknowns: answers are the same whatever was told of it, in
+/// double and in single precision.
+#[test]
+fn equals_the_dense_batch_without_a_baseline() {
+    for (name, errors) in CASES {
+        for seed in 0..12 {
+            let walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
+            let right = walk.cameras[1].x;
+            for told in [0.8 * right, 1.3 * right] {
+                let mut joint = filled_with::<f64>(&walk, WIDE, [told, right]);
+                let solution = joint.solve().unwrap();
+                assert!(solution.cameras >= 7, "{name} {seed}: {solution:?}");
+                let mut single = filled_with::<f32>(&walk, WIDE, [told, right]);
+                single.solve().unwrap();
+                let taken: Vec<bool> = (0..9).map(|n| joint.pose(n).is_ok()).collect();
+                let prior = prior(&errors);
+                let batch = Batch::solve_with(&walk, prior, false, |n| taken[n]).unwrap();
+                let (worst, worst_sigma) = off_batch(&mut joint, &walk, &taken, &batch);
+                assert!(
+                    worst < 1e-3 && worst_sigma < 1e-3,
+                    "{name} {seed}: {worst:e}, {worst_sigma:e}"
+                );
+                let (worst, worst_sigma) = off_batch(&mut single, &walk, &taken, &batch);
+                assert!(
+                    worst < 0.03 && worst_sigma < 0.003,
+                    "{name} {seed} in single precision: {worst:e}, {worst_sigma:e}"
+                );
+            }
         }
     }
 }

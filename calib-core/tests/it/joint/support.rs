@@ -56,6 +56,15 @@ pub(crate) fn number<T: Real>(value: f64) -> T {
 
 /// An estimator that has all measurements of a walk.
 pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
+    filled_with(walk, limits, [walk.cameras[1].x; 2])
+}
+
+/// The same with a baseline that may not be known: what is told of it and the right one differ.
+pub(crate) fn filled_with<T: Real>(
+    walk: &Walk,
+    limits: Limits<f64>,
+    [told, right]: [f64; 2],
+) -> Joint<T> {
     let settings = JointSettings {
         scale: Prior {
             mean: T::one(),
@@ -68,17 +77,13 @@ pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
         standing: T::zero(),
         lens: (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma)),
         principal: (walk.principal_sigma > 0.0).then(|| number(walk.principal_sigma)),
+        is_baseline_known: told == right,
         limits: Limits {
             position: number(limits.position),
             heading: number(limits.heading),
         },
     };
-    let mut joint = Joint::new(
-        memory(CAMERAS, 64, 800, MARKS),
-        number(walk.cameras[1].x),
-        settings,
-    )
-    .unwrap();
+    let mut joint = Joint::new(memory(CAMERAS, 64, 800, MARKS), number(told), settings).unwrap();
     for stop in 0..walk.places.len() {
         add(&mut joint, walk, stop);
     }
