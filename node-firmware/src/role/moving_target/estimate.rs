@@ -357,7 +357,7 @@ impl<'m> Estimate<'m> {
             [Some(first), Some(second)] => Some([first, second]).filter(|pair| !has_failed(pair)),
             _ => None,
         };
-        // Where the references' distance is measured itself, the network's scale is one of the unknowns.
+        // Where the references' distance was found by a target that came from elsewhere, it is no frame.
         let is_measured = |pair| {
             Frame::between(pair, self.arrival.as_ref()).is_none_or(|frame| !frame.is_exact())
         };
@@ -426,6 +426,7 @@ impl<'m> Estimate<'m> {
             standing: config.standing_sigma,
             lens: Some(focal),
             principal: Some(principal),
+            is_baseline_known: frame.is_baseline_known(),
             ..JointSettings::default()
         };
         let [Some(first), Some(second)] = frame.references.map(|camera| self.number(camera)) else {

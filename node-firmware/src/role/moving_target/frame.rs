@@ -79,6 +79,8 @@ pub(super) struct Frame {
 enum Errors {
     /// Two cameras stand where they believe to within these, each by itself. Zero if that was given.
     References([f32; 2]),
+    /// The references say what the frame is, and their distance is one of the unknowns.
+    None,
     /// A target told the place of one stop, the direction of its steps, and their length.
     Arrival {
         /// That stop, in the frame of the site.
@@ -91,8 +93,8 @@ enum Errors {
 }
 
 impl Frame {
-    /// `None` where the distance of both is hardly known: then it would be one of the unknowns. Their common
-    /// error from the arrival of the target does not count.
+    /// `None` where the distance of both is hardly known, and they are not references of a site whose frame they
+    /// are: then it is one of the unknowns. Their common error from the arrival of the target does not count.
     pub(super) fn between(
         references: [(MemberAddress, Pose<f32>); 2],
         arrival: Option<&Arrival>,
@@ -105,14 +107,22 @@ impl Frame {
             let common = arrival.map_or(0.0, |of| of.covariance(pose.position).trace());
             root((all * all - common).max(0.0))
         });
-        let is_known = baseline > 0.0 && sigmas.iter().sum::<f32>() <= baseline * BASELINE_SHARE;
+        let sum = sigmas.iter().sum::<f32>();
+        // The origin, and a place that is not known along the x axis alone.
+        let is_frame = from.sigma_position() == 0.0 && to.covariance.m22 == 0.0;
+        let is_estimated = is_frame && arrival.is_none() && sum > baseline * EXACT_SHARE;
+        let is_known = baseline > 0.0 && (is_estimated || sum <= baseline * BASELINE_SHARE);
         is_known.then_some(Self {
             references: [first, second],
             baseline,
             origin: from.position,
             direction: RealField::atan2(between.y, between.x),
             stretch: 1.0,
-            errors: Errors::References(sigmas),
+            errors: if is_estimated {
+                Errors::None
+            } else {
+                Errors::References(sigmas)
+            },
             survey: SurveySigma::EXACT,
         })
     }
@@ -171,7 +181,7 @@ impl Frame {
     pub(super) fn share(&self) -> f32 {
         match self.errors {
             Errors::References([a, b]) => (a + b) / self.baseline,
-            Errors::Arrival { .. } => f32::INFINITY,
+            Errors::None | Errors::Arrival { .. } => f32::INFINITY,
         }
     }
 
@@ -180,9 +190,14 @@ impl Frame {
         self.errors == Errors::References([0.0; 2])
     }
 
-    /// Returns true if the distance of both was given.
+    /// Returns true if the distance of both was given, or is one of the unknowns.
     pub(super) fn is_exact(&self) -> bool {
-        self.share() <= EXACT_SHARE
+        self.share() <= EXACT_SHARE || self.errors == Errors::None
+    }
+
+    /// Returns true if the distance of both is known.
+    pub(super) fn is_baseline_known(&self) -> bool {
+        self.errors != Errors::None
     }
 
     /// A place of this frame in that of the site.
@@ -240,6 +255,7 @@ impl Frame {
                 Matrix2::from_diagonal_element(from_second * a + from_first * b)
                     + stretched * stretched.transpose()
             }
+            Errors::None => Matrix2::zeros(),
             Errors::Arrival {
                 stop,
                 covariance,
@@ -263,6 +279,7 @@ impl Frame {
                 let [a, b] = self.place_variances(&sigmas);
                 (a + b) / (self.baseline * self.baseline)
             }
+            Errors::None => 0.0,
             Errors::Arrival { turned, .. } => turned,
         }
     }

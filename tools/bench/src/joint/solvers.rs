@@ -167,6 +167,7 @@ pub(super) fn filled(walk: &Walk, limits: &Limits<f64>, [scale, compass]: [f64; 
         standing: 0.0,
         lens: None,
         principal: None,
+        is_baseline_known: true,
         limits: Limits {
             position: limits.position as f32,
             heading: limits.heading as f32,

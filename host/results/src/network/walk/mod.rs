@@ -18,11 +18,10 @@ use super::{
 };
 use crate::record::sightings::{Carrier, Sightings};
 
-mod scale;
 mod told;
 
-/// Sigmas of an unknown scale and, in radians, of an unknown direction.
-const VAGUE: [f64; 2] = [1e6, 10.0];
+/// Sigma of an unknown direction, radians.
+const VAGUE: f64 = 10.0;
 /// No carrier is known better than this, a share or radians.
 const EXACT: f64 = 1e-5;
 /// No displacement is known better than this, in baselines.
@@ -155,13 +154,13 @@ impl<'a> Walk<'a> {
     pub(super) fn solve(&self, settings: &Settings) -> Result<NetworkSolution, NetworkError> {
         let known = self.sightings.references.and_then(|known| known.baseline);
         let solved = match known {
-            Some(baseline) => self.solve_part(baseline, None, settings.depth()),
+            Some(baseline) => self.solve_part(baseline, true, settings.depth()),
             None => self.solve_unknown_baseline(settings.depth()),
         };
         match solved {
-            Ok((part, mut output, baseline)) => {
+            Ok((part, mut output)) => {
                 self.find_other_lenses(&part, &mut output);
-                Ok(self.told(settings, &part, &output, known.is_some(), baseline))
+                Ok(self.told(settings, &part, &output, known))
             }
             Err(Failure::TooMany) => Err(NetworkError::TooMany {
                 target: self.target,
@@ -215,24 +214,24 @@ impl<'a> Walk<'a> {
         ]
     }
 
-    fn settings(&self, baseline: f64, scale: Option<Prior<f64>>) -> JointSettings<f64> {
+    fn settings(&self, baseline: f64, is_baseline_known: bool) -> JointSettings<f64> {
         let [scale_sigma, compass_sigma] = self.carrier_sigmas();
         let heading = self.sightings.frame_heading_deg;
-        let known = Prior {
-            mean: 1.0,
-            sigma: scale_sigma,
-        };
         let [position, heading_limit] = LIMITS;
         JointSettings {
-            scale: scale.unwrap_or(known),
+            scale: Prior {
+                mean: 1.0,
+                sigma: scale_sigma,
+            },
             compass: Prior {
                 // A way along the x axis of displacements reads zero.
                 mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
-                sigma: heading.map_or(VAGUE[1], |_| compass_sigma),
+                sigma: heading.map_or(VAGUE, |_| compass_sigma),
             },
             standing: self.carrier().standing_sigma,
             lens: self.sightings.lens.map(|lens| lens.sigma),
             principal: { self.sightings.lens }.map(|lens| lens.principal_deg.to_radians()),
+            is_baseline_known,
             limits: Limits {
                 position: position * baseline,
                 heading: heading_limit,
@@ -255,19 +254,31 @@ impl<'a> Walk<'a> {
         pieces
     }
 
-    /// Solves with a baseline that is known, or taken for it. The scale's prior may be another one.
+    /// The carrier's distances set the scale: first with the longest of them for the baseline.
+    fn solve_unknown_baseline(&self, depth: Depth) -> Result<(Part, Output), Failure> {
+        let legs = self.legs.iter().flatten();
+        let lengths = legs.map(|leg| leg.displacement.norm());
+        let longest = lengths.fold(f64::MIN_POSITIVE, f64::max);
+        let (_, output) = self.solve_part(longest, false, depth.believing())?;
+        let second = output.poses.get(1).and_then(Option::as_ref);
+        let undetermined = Failure::Joint(JointError::Solve(Refusal::Undetermined));
+        let baseline = second.ok_or(undetermined)?.position.x;
+        self.solve_part(baseline, false, depth)
+    }
+
+    /// Solves with a baseline that is known, or guessed.
     fn solve_part(
         &self,
         baseline: f64,
-        scale: Option<Prior<f64>>,
+        is_baseline_known: bool,
         depth: Depth,
-    ) -> Result<(Part, Output, [f64; 2]), Failure> {
-        let settings = self.settings(baseline, scale);
+    ) -> Result<(Part, Output), Failure> {
+        let settings = self.settings(baseline, is_baseline_known);
         let mut pieces = self.pieces();
         if pieces.len() == 1 {
             let part = self.part(&pieces, baseline, settings, None);
             let output = estimator::solve(&part.input, depth)?;
-            return Ok((part, output, [baseline, 0.0]));
+            return Ok((part, output));
         }
         let mut failure = Failure::Joint(JointError::Start(Refusal::TooFew));
         let mut solved = None;
@@ -301,7 +312,7 @@ impl<'a> Walk<'a> {
         }
         output.fit.degrees_of_freedom =
             { output.fit.degrees_of_freedom }.saturating_sub(2 * part.ties.len());
-        Ok((part, output, [baseline, 0.0]))
+        Ok((part, output))
     }
 
     /// Locates pieces: two cameras with a pose see a stop of the piece, or it comes to a mark whose place is

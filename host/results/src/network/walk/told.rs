@@ -21,8 +21,7 @@ impl Walk<'_> {
         settings: &Settings,
         part: &Part,
         output: &Output,
-        has_baseline: bool,
-        [baseline, sigma_baseline]: [f64; 2],
+        baseline: Option<f64>,
     ) -> NetworkSolution {
         let is_bad = output.fit.is_bad();
         let mut solution = self.empty();
@@ -32,11 +31,15 @@ impl Walk<'_> {
         } else {
             solution.status = Status::Calibrated;
         }
-        if !has_baseline {
+        if baseline.is_none() {
             solution.scale_from = ScaleFrom::Carrier;
         }
-        solution.baseline = Some(baseline);
-        solution.sigma_baseline = Some(sigma_baseline);
+        let second = output.poses.get(1).and_then(Option::as_ref);
+        solution.baseline = baseline.or(second.map(|pose| pose.position.x));
+        solution.sigma_baseline = match baseline {
+            Some(_) => Some(0.0),
+            None => second.map(|pose| pose.covariance.m11.max(0.0).sqrt()),
+        };
         solution.chi_squared = Some(output.fit.chi_squared);
         solution.degrees_of_freedom = output.fit.degrees_of_freedom;
         solution.leg_factor = output.leg_factor;
