@@ -1,11 +1,11 @@
 //! Answers of a solve, with covariances.
 
-use nalgebra::{Matrix2, Point2, SMatrix, Vector3};
+use nalgebra::{Matrix2, Point2, SMatrix};
 
 use super::{
     Carrier, Lens, ReferenceHeadings, StopPlace,
     covariance::{Block, pose_of},
-    problem::{LENS, Problem, REFERENCES, SCALE, STOPS, Standing, Stop, Unknown},
+    problem::{HEADING, LENS, Problem, SCALE, STOPS, Standing, Stop, Unknown},
     residuals::UNCHECKED,
 };
 use crate::{
@@ -29,40 +29,26 @@ impl<T: Real> Problem<'_, T> {
             covariance: SMatrix::zeros(),
         };
         let block = self.block(camera)?;
-        if camera < REFERENCES {
+        if self.axes(camera).start == HEADING {
             let [[heading, ..], ..] = block;
             pose.covariance.m33 = heading;
         } else {
             pose.covariance = pose_of(&block);
         }
-        if !self.common.is_baseline_known {
-            let with_scale = self.with_scale(camera).ok_or(Refusal::Undetermined)?;
-            self.add_scale_error(&mut pose, with_scale)?;
+        if camera == 1 {
+            // Nothing is across the x axis.
+            pose.covariance.row_mut(1).fill(T::zero());
+            pose.covariance.column_mut(1).fill(T::zero());
         }
         Ok(pose)
     }
 
-    /// The same in true lengths.
+    /// The same with the error of a scale that sets all lengths.
     pub(super) fn told_pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
-        let pose = self.pose(camera)?;
-        Ok(self.common.stretched(pose))
-    }
-
-    /// Lengths are to be multiplied by the carrier's scale: adds its error to a pose, which has this covariance with
-    /// it.
-    fn add_scale_error(
-        &mut self,
-        pose: &mut Pose<T>,
-        with_scale: Vector3<T>,
-    ) -> Result<(), Refusal> {
-        let covariance = self.pair_covariance(SCALE);
-        let covariance = covariance.filter(|_| !self.common.is_carrier_undetermined);
-        let variance = covariance.ok_or(Refusal::Undetermined)?.m11;
-        let by_scale = pose.position.coords.push(T::zero()) / self.common.carrier.x;
-        let half = with_scale + by_scale * (variance * lit(0.5));
-        let with = by_scale * half.transpose();
-        pose.covariance += with + with.transpose();
-        Ok(())
+        let mut pose = self.pose(camera)?;
+        let off = pose.position.coords.push(T::zero()) * self.common.scale_share();
+        pose.covariance += off * off.transpose();
+        Ok(pose)
     }
 
     /// Lens of a camera.
@@ -103,31 +89,12 @@ impl<T: Real> Problem<'_, T> {
         let known = self.stops.get(stop).ok_or(Refusal::TooFew)?;
         let (position, is_undetermined) = (known.place, known.is_undetermined);
         self.tell()?;
-        let i = STOPS + 2 * stop;
-        let covariance = self.pair_covariance(i);
+        let covariance = self.pair_covariance(STOPS + 2 * stop);
         let covariance = covariance.filter(|_| !is_undetermined);
-        let covariance = covariance.ok_or(Refusal::Undetermined)?;
-        if self.common.is_baseline_known {
-            return Ok(StopPlace {
-                position,
-                covariance,
-            });
-        }
-        // As a pose that looks nowhere.
-        let mut pose = Pose {
-            position,
-            heading: T::zero(),
-            covariance: SMatrix::zeros(),
-        };
-        pose.covariance
-            .fixed_view_mut::<2, 2>(0, 0)
-            .copy_from(&covariance);
-        let with_scale = self.scale_with_pair(i).ok_or(Refusal::Undetermined)?;
-        self.add_scale_error(&mut pose, with_scale.push(T::zero()))?;
-        let told = self.common.stretched(pose);
+        let off = position.coords * self.common.scale_share();
         Ok(StopPlace {
-            position: told.position,
-            covariance: told.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
+            position,
+            covariance: covariance.ok_or(Refusal::Undetermined)? + off * off.transpose(),
         })
     }
 
@@ -136,20 +103,12 @@ impl<T: Real> Problem<'_, T> {
         let covariance = self.pair_covariance(SCALE);
         let covariance = covariance.filter(|_| !self.common.is_carrier_undetermined);
         let mut covariance = covariance.ok_or(Refusal::Undetermined)?;
-        let mut scale = self.common.carrier.x;
         if !self.common.is_baseline_known {
-            // Estimated was the baseline.
-            let prior = self.common.scale_prior;
-            scale = prior.mean;
-            covariance = Matrix2::new(
-                prior.sigma * prior.sigma,
-                T::zero(),
-                T::zero(),
-                covariance.m22,
-            );
+            let sigma = self.common.scale_prior.sigma;
+            covariance.m11 = sigma * sigma;
         }
         Ok(Carrier {
-            scale,
+            scale: self.common.carrier.x,
             compass: self.common.carrier.y,
             covariance,
         })
@@ -162,9 +121,10 @@ impl<T: Real> Problem<'_, T> {
         };
         let headings = [heading(0), heading(1)];
         let [[first, ..], ..] = self.block(0)?;
-        let [[second, ..], ..] = self.block(1)?;
-        let with = self.camera_covariance(0, 1).ok_or(Refusal::Undetermined)?;
-        let [[with, ..], ..] = with;
+        let second = self.pose(1)?.covariance.m33;
+        let [with, ..] = self.camera_covariance(0, 1).ok_or(Refusal::Undetermined)?;
+        let with = with.get(HEADING.saturating_sub(self.axes(1).start));
+        let with = *with.ok_or(Refusal::Undetermined)?;
         Ok(ReferenceHeadings {
             headings,
             covariance: Matrix2::new(first, with, with, second),

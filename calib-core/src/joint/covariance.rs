@@ -5,12 +5,12 @@
 //! `N = 1 + Q^T J D J^T Q`, and that of a predicted row `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums over
 //! pairs of its sights give all of these; no pass is needed.
 
-use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, SMatrix, Vector2};
 
 use super::{
     equations::{Line, Parts, by_kept, of_stop, short_dot},
     kept::Kept,
-    problem::{BLOCK, Problem, SCALE, Sight, SightRow, Standing},
+    problem::{BLOCK, Problem, Sight, SightRow, Standing},
 };
 use crate::{Real, numerics::real::lit};
 
@@ -156,50 +156,6 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The covariance of the carrier's scale with a kept unknown and the one after it.
-    pub(super) fn scale_with_pair(&mut self, i: usize) -> Option<Vector2<T>> {
-        if self.common.is_whole() {
-            return self.with_solver(|_, solver| {
-                let column = solver.columns(SCALE, 1)?;
-                Some(Vector2::new(*column.get(i)?, *column.get(i + 1)?))
-            });
-        }
-        self.with_parts(|_, parts| {
-            Some(Vector2::new(
-                parts.kept.at(i, SCALE),
-                parts.kept.at(i + 1, SCALE),
-            ))
-        })
-    }
-
-    /// The covariance of the carrier's scale with a camera's pose.
-    #[inline(never)] // for less flash
-    pub(super) fn with_scale(&mut self, camera: usize) -> Option<Vector3<T>> {
-        let axes = self.axes(camera);
-        let unknowns = axes.len();
-        let mut with = [T::zero(); BLOCK];
-        let own = with.get_mut(axes)?;
-        if self.common.is_whole() {
-            self.whole_with_scale(camera, own)?;
-        } else {
-            self.with_parts(|problem, mut parts| {
-                for (n, sight) in problem.own(camera) {
-                    let line = parts.lines.get(n)?;
-                    let i = of_stop(sight.stop);
-                    let by = line.by_place;
-                    let moved = by.x * parts.kept.at(i, SCALE) + by.y * parts.kept.at(i + 1, SCALE);
-                    for (entry, q) in own.iter_mut().zip(line.q) {
-                        *entry -= *q * moved;
-                    }
-                }
-                parts.blocks.get(camera, unknowns)?.back_substitute(own);
-                Some(())
-            })?;
-        }
-        let [x, y, heading, ..] = with;
-        Some(Vector3::new(x, y, heading))
-    }
-
     /// The variance that the estimates predict for a sight, in units of its own. `None` for one that counts
     /// but was not there when covariances were found.
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
@@ -251,7 +207,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// Movement of a camera by each measurement that is wrong by its sigma. Calls `tell` with the movement of
     /// its unknowns, for every sight that counts, then for every leg, each of its two directions, with the
-    /// share of the error that shows. Of a camera that is no reference.
+    /// share of the error that shows.
     #[inline(never)] // for less flash
     pub(super) fn influences(
         &mut self,
@@ -277,15 +233,6 @@ impl<T: Real> Problem<'_, T> {
                 triangle.back_substitute(moved);
                 for (to, from) in parts.vectors.iter_mut().skip(j).step_by(kept).zip(&*moved) {
                     *to = *from;
-                }
-            }
-            if !problem.common.is_baseline_known {
-                // Its place is multiplied by the scale.
-                let place = problem.cameras.get(camera)?.place() / problem.common.carrier.x;
-                for (gain, by_scale) in parts.vectors.chunks_exact_mut(kept.max(1)).zip(&place) {
-                    for (j, gain) in gain.iter_mut().enumerate() {
-                        *gain += *by_scale * parts.kept.at(SCALE, j);
-                    }
                 }
             }
             let vectors = &*parts.vectors;

@@ -261,11 +261,10 @@ impl<T: Real> Problem<'_, T> {
     /// Possible effect of a fault of any measurement on a camera, and of noise without a fault.
     fn protect(&mut self, camera: usize) {
         let mut levels = ProtectionLevels::<T>::default();
-        let stretch = self.common.stretch();
         let told = self.influences(camera, |moved, redundancy, is_leg| {
             let size = lit::<T>(DETECTED) / redundancy.max(lit(LEAST_REDUNDANCY)).sqrt();
             let &[x, y, heading, ..] = moved else { return };
-            let position = (x * x + y * y).sqrt() * size * stretch;
+            let position = (x * x + y * y).sqrt() * size;
             let (of_position, of_heading) = if is_leg {
                 (&mut levels.position_leg, &mut levels.heading_leg)
             } else {

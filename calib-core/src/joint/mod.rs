@@ -45,10 +45,9 @@
 //! scale, plus noise of the covariance that the caller gives. A range is `|p - c|` plus noise. A visit to a
 //! mark says that a place is that of the mark, which is unknown too: visited twice, it closes a loop.
 //!
-//! **Without a baseline** bearings and legs tell everything but the size of the whole. The estimator keeps the
-//! baseline that it was given as its unit, and lets the carrier's scale free. Where the carrier reads right, that
-//! scale is the true unit over this one, so answers are multiplied by it. Their covariance has the error of that
-//! scale, with which they are correlated, and that of the carrier's own.
+//! **Without a baseline** the place of camera 1 along the x axis is an unknown, and what the carrier reads sets all
+//! lengths. Nothing tells its scale then but its prior: the scale stays what that says, and the error of it, common to
+//! all lengths, is in the covariances that are told.
 //!
 //! # Contradictions
 //! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest most,

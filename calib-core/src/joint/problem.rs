@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
 use super::{Prior, ProtectionLevels, Solver, StopTag, Undetermined};
 use crate::{
-    Pose, Real, angle,
+    Real, angle,
     numerics::plane::{self, dot, quarter_turn},
     numerics::real::lit,
 };
@@ -18,6 +18,7 @@ pub(super) const REFERENCES: usize = 2;
 /// reference without its place, without the principal point or the whole lens if these are not estimated.
 pub(super) const BLOCK: usize = 5;
 pub(super) const PLACE: usize = 0;
+const ACROSS: usize = 1;
 pub(super) const HEADING: usize = 2;
 pub(super) const LENS: usize = 3;
 pub(super) const PRINCIPAL: usize = 4;
@@ -27,6 +28,9 @@ pub(super) const PRINCIPAL: usize = 4;
 pub(super) const SCALE: usize = 0;
 pub(super) const COMPASS: usize = 1;
 pub(super) const STOPS: usize = 2;
+
+/// Camera 1 is on the x axis up to this share of the baseline.
+const ON_AXIS: f64 = 1e-5;
 
 /// A leg that was not as measured, and a camera that seemed to be moved so few stops before or after it, may
 /// be one fault.
@@ -204,7 +208,7 @@ impl<T: Real> Default for Unknown<T> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Common<T: Real> {
     pub baseline: T,
-    /// If not, it is a guess and the unit, and the carrier's scale has no prior here.
+    /// If not, it is a guess, and the carrier's scale sets all lengths.
     pub is_baseline_known: bool,
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
@@ -240,28 +244,13 @@ impl<T: Real> Common<T> {
         cfg!(feature = "solver") && self.is_whole
     }
 
-    /// True lengths over those of the estimates.
-    pub(super) fn stretch(&self) -> T {
+    /// Standard deviation of the carrier's scale, relative, where that sets all lengths; else zero.
+    pub(super) fn scale_share(&self) -> T {
         if self.is_baseline_known {
-            T::one()
+            T::zero()
         } else {
-            self.carrier.x / self.scale_prior.mean
+            self.scale_prior.sigma / self.scale_prior.mean
         }
-    }
-
-    /// A pose of the estimates in true lengths, with the error of the carrier's scale where that sets them.
-    pub(super) fn stretched(&self, mut pose: Pose<T>) -> Pose<T> {
-        if self.is_baseline_known {
-            return pose;
-        }
-        let (k, one) = (self.stretch(), T::one());
-        let off =
-            pose.position.coords.push(T::zero()) * (self.scale_prior.sigma / self.scale_prior.mean);
-        pose.covariance += off * off.transpose();
-        let by = Vector3::new(k, k, one);
-        pose.covariance.component_mul_assign(&(by * by.transpose()));
-        pose.position *= k;
-        pose
     }
 }
 
@@ -413,7 +402,8 @@ pub(super) struct LegRow<T: Real> {
 impl<T: Real> Problem<'_, T> {
     /// Unknowns of a camera's block, of [`BLOCK`].
     pub(super) fn axes(&self, camera: usize) -> Range<usize> {
-        let first = if camera < REFERENCES { HEADING } else { PLACE };
+        let is_placed = camera == 0 || camera == 1 && self.common.is_baseline_known;
+        let first = if is_placed { HEADING } else { PLACE };
         first..self.last_axis()
     }
 
@@ -428,6 +418,11 @@ impl<T: Real> Problem<'_, T> {
         let (sigma, value) = match axis {
             LENS => (lens?, of.lens()),
             PRINCIPAL => (principal?, of.principal()),
+            // On the x axis, where its place is one of the unknowns.
+            ACROSS if camera == 1 => {
+                let [_, y, ..] = of.value;
+                (self.common.baseline * lit(ON_AXIS), y)
+            }
             _ => return None,
         };
         let weight = sigma.recip();
@@ -488,7 +483,8 @@ impl<T: Real> Problem<'_, T> {
         // References stand where the frame says, whatever their numbers hold.
         let place = match camera {
             0 => Vector2::zeros(),
-            1 => Vector2::new(self.common.baseline, T::zero()),
+            1 if self.common.is_baseline_known => Vector2::new(self.common.baseline, T::zero()),
+            1 => Vector2::new(unknown.place().x, T::zero()),
             _ => unknown.place(),
         };
         Some(place.push(unknown.heading()))

@@ -37,6 +37,7 @@ const CLAIMED: f64 = 4.42;
 #[derive(Clone, Copy, Debug)]
 struct Start<T: Real> {
     headings: [T; 2],
+    baseline: T,
     carrier: Vector2<T>,
     /// Place of the target at this stop.
     stop: usize,
@@ -93,6 +94,7 @@ impl<T: Real> Problem<'_, T> {
             trial: Trial::Proposing,
             best: Start {
                 headings: [T::zero(); 2],
+                baseline: self.common.baseline,
                 carrier: Vector2::zeros(),
                 stop: 0,
                 place: Point2::origin(),
@@ -268,6 +270,9 @@ impl<T: Real> Problem<'_, T> {
             camera.turn(heading);
             camera.trust_lens();
         }
+        if let Some(second) = self.cameras.get_mut(1) {
+            second.put(Vector2::new(start.baseline, T::zero()));
+        }
         self.reckon(start.stop, start.place);
         *descent = Descent::new();
     }
@@ -410,6 +415,7 @@ impl<T: Real> Problem<'_, T> {
             .ok_or(Refusal::TooFew)?;
         let Common {
             baseline,
+            is_baseline_known,
             scale_prior,
             compass_prior,
             ..
@@ -419,9 +425,14 @@ impl<T: Real> Problem<'_, T> {
         let outcome = solved.as_ref().map_err(|why| *why)?;
         let start = |solution: &ReferenceSolution<T>| {
             // The baseline as the carrier would measure it, over its length.
-            let stretch = solution.baseline / baseline;
+            let stretch = if is_baseline_known {
+                solution.baseline / baseline
+            } else {
+                T::one()
+            };
             Start {
                 headings: solution.headings,
+                baseline: solution.baseline,
                 carrier: Vector2::new(
                     scale_prior.mean * stretch,
                     angle::wrap_signed(compass_prior.mean - solution.frame_heading),

@@ -285,16 +285,6 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The covariance of the carrier's scale with a camera's unknowns.
-    pub(super) fn whole_with_scale(&mut self, camera: usize, with: &mut [T]) -> Option<()> {
-        let first = self.of_camera(camera) + self.axes(camera).start;
-        self.with_solver(|_, solver| {
-            let own = solver.columns(SCALE, 1)?.get(first..first + with.len())?;
-            with.copy_from_slice(own);
-            Some(())
-        })
-    }
-
     pub(super) fn whole_pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
         self.with_solver(|_, solver| {
             let across = solver.covariance(i, i + 1)?;
@@ -320,8 +310,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// See [`influences`](Self::influences). The movement of a scale that sets all lengths is left out: a fault of one
-    /// measurement of so many hardly moves it.
+    /// See [`influences`](Self::influences).
     pub(super) fn whole_influences(
         &mut self,
         camera: usize,
@@ -406,12 +395,13 @@ impl<T: Real> Problem<'_, T> {
             (COMPASS, common.carrier.y, common.compass_prior),
         ]
         .map(|(i, value, prior)| {
-            let is_free = i == SCALE && !common.is_baseline_known;
-            let weight = if is_free {
-                T::zero()
+            // A scale that sets all lengths is told by nothing else.
+            let pinned = if i == SCALE && !common.is_baseline_known {
+                lit(PINNED)
             } else {
-                prior.sigma.recip()
+                T::one()
             };
+            let weight = pinned / prior.sigma;
             (i, (value - prior.mean) * weight, weight)
         })
     }
@@ -422,6 +412,9 @@ impl<T: Real> Problem<'_, T> {
         (T::whole(count) / lit(BY_CHANCE)).ln().max(lit(least))
     }
 }
+
+/// A scale that sets all lengths stays within its sigma over this.
+const PINNED: f64 = 30.0;
 
 /// Bearings that may make their cameras suspect by chance.
 const BY_CHANCE: f64 = 20.0;

@@ -134,7 +134,7 @@ fn equals_the_dense_batch_without_a_baseline() {
                 );
                 let (worst, worst_sigma) = off_batch(&mut single, &walk, &taken, &batch);
                 assert!(
-                    worst < 0.03 && worst_sigma < 0.003,
+                    worst < 0.03 && worst_sigma < 0.005,
                     "{name} {seed} in single precision: {worst:e}, {worst_sigma:e}"
                 );
             }
