@@ -37,8 +37,9 @@ impl<T: Real> Problem<'_, T> {
         }
         if camera == 1 {
             // Nothing is across the x axis.
-            pose.covariance.row_mut(1).fill(T::zero());
-            pose.covariance.column_mut(1).fill(T::zero());
+            let c = &mut pose.covariance;
+            let zero = T::zero();
+            (c.m12, c.m21, c.m22, c.m23, c.m32) = (zero, zero, zero, zero, zero);
         }
         Ok(pose)
     }
@@ -46,9 +47,24 @@ impl<T: Real> Problem<'_, T> {
     /// The same with the error of a scale that sets all lengths.
     pub(super) fn told_pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         let mut pose = self.pose(camera)?;
-        let off = pose.position.coords.push(T::zero()) * self.common.scale_share();
-        pose.covariance += off * off.transpose();
+        let by_scale = self.scale_error(pose.position);
+        let c = &mut pose.covariance;
+        c.m11 += by_scale.m11;
+        c.m12 += by_scale.m12;
+        c.m21 += by_scale.m21;
+        c.m22 += by_scale.m22;
         Ok(pose)
+    }
+
+    /// Covariance of a place by the error of a scale that sets all lengths.
+    #[inline(never)] // for less flash
+    fn scale_error(&self, at: Point2<T>) -> Matrix2<T> {
+        let common = &self.common;
+        if common.is_baseline_known {
+            return Matrix2::zeros();
+        }
+        let off = at.coords * (common.scale_prior.sigma / common.scale_prior.mean);
+        off * off.transpose()
     }
 
     /// Lens of a camera.
@@ -91,10 +107,10 @@ impl<T: Real> Problem<'_, T> {
         self.tell()?;
         let covariance = self.pair_covariance(STOPS + 2 * stop);
         let covariance = covariance.filter(|_| !is_undetermined);
-        let off = position.coords * self.common.scale_share();
+        let covariance = covariance.ok_or(Refusal::Undetermined)?;
         Ok(StopPlace {
             position,
-            covariance: covariance.ok_or(Refusal::Undetermined)? + off * off.transpose(),
+            covariance: covariance + self.scale_error(position),
         })
     }
 

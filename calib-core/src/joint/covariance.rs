@@ -8,7 +8,7 @@
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
 use super::{
-    equations::{Line, Parts, by_kept, of_stop, short_dot},
+    equations::{Line, Parts, by_kept, of_stop, put, short_dot},
     kept::Kept,
     problem::{BLOCK, Problem, Sight, SightRow, Standing},
 };
@@ -172,7 +172,7 @@ impl<T: Real> Problem<'_, T> {
             let unknowns = axes.len();
             let mut q = [T::zero(); BLOCK];
             let q = q.get_mut(..unknowns)?;
-            q.copy_from_slice(row.by_camera.get(axes)?);
+            put(q, row.by_camera.get(axes)?);
             parts.blocks.get(camera, unknowns)?.reduce(q);
             let place = (sight.stop, row.by_place);
             let with_others = problem.with_others(camera, &parts, place);

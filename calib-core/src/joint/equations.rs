@@ -315,8 +315,7 @@ impl<T: Real> Problem<'_, T> {
             }
             let found = self.sight_row(sight)?;
             let mut own = [T::zero(); BLOCK + 1];
-            own.get_mut(..unknowns)?
-                .copy_from_slice(found.by_camera.get(axes.clone())?);
+            put(&mut own, found.by_camera.get(axes.clone())?);
             *own.last_mut()? = -found.residual;
             row.fill(T::zero());
             let i = of_stop(sight.stop);
@@ -377,10 +376,9 @@ impl<T: Real> Problem<'_, T> {
             cost += found.residual * found.residual;
             *line = [found.by_place.x, found.by_place.y, found.residual];
             let by_camera = found.by_camera.get(axes.clone())?;
-            q.get_mut(..unknowns)?.copy_from_slice(by_camera);
-            let (right, own) = row.split_last_mut()?;
-            own.copy_from_slice(by_camera);
-            *right = -found.residual;
+            put(q, by_camera);
+            put(row, by_camera);
+            *row.last_mut()? = -found.residual;
             triangle.insert(row);
         }
         triangle.drop_undetermined(row);
@@ -738,6 +736,14 @@ fn with_before(later: usize) -> [usize; 6] {
         i,
         i + 1,
     ]
+}
+
+/// Copies numbers to the first of others. Their count is not proven, as
+/// [`copy_from_slice`](slice::copy_from_slice) asks.
+pub(super) fn put<T: Copy>(to: &mut [T], from: &[T]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
+    }
 }
 
 /// `a . b` of a few numbers.

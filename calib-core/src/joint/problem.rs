@@ -243,15 +243,6 @@ impl<T: Real> Common<T> {
     pub(super) fn is_whole(&self) -> bool {
         cfg!(feature = "solver") && self.is_whole
     }
-
-    /// Standard deviation of the carrier's scale, relative, where that sets all lengths; else zero.
-    pub(super) fn scale_share(&self) -> T {
-        if self.is_baseline_known {
-            T::zero()
-        } else {
-            self.scale_prior.sigma / self.scale_prior.mean
-        }
-    }
 }
 
 /// Prior knowledge of lenses: standard deviations, `None` where a number is exact.

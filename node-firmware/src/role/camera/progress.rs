@@ -43,7 +43,10 @@ impl Progress {
 
     /// Takes the report of a former run. The limits may be others since.
     pub(super) fn restore(&mut self, report: &Report, config: &CameraConfig) {
-        let state = report.state.judged_again(&config.weak.limits());
+        let mut state = report.state.judged_again(&config.weak.limits());
+        if report.joint.is_none() && report.duty.is_none() {
+            state = state.alone();
+        }
         let is_done = report.duty.is_some() || is_done(config, report.sightings.into(), &state);
         self.report = Report {
             id: self.report.id,

@@ -109,7 +109,7 @@ impl Frame {
         });
         let sum = sigmas.iter().sum::<f32>();
         // The origin, and a place that is not known along the x axis alone.
-        let is_frame = from.sigma_position() == 0.0 && to.covariance.m22 == 0.0;
+        let is_frame = matches!(sigmas, [0.0, _]) && to.covariance.m22 == 0.0;
         let is_estimated = is_frame && arrival.is_none() && sum > baseline * EXACT_SHARE;
         let is_known = baseline > 0.0 && (is_estimated || sum <= baseline * BASELINE_SHARE);
         is_known.then_some(Self {
