@@ -571,15 +571,6 @@ impl CameraState {
         }
     }
 
-    /// The same of a pose that no target estimated together with everything else: it is weak at best.
-    #[must_use]
-    pub const fn alone(self) -> Self {
-        match self {
-            Self::Calibrated(parts) => Self::Weak(parts),
-            other => other,
-        }
-    }
-
     /// Status of the camera.
     pub const fn status(&self) -> Status {
         match self {

@@ -43,10 +43,7 @@ impl Progress {
 
     /// Takes the report of a former run. The limits may be others since.
     pub(super) fn restore(&mut self, report: &Report, config: &CameraConfig) {
-        let mut state = report.state.judged_again(&config.weak.limits());
-        if report.joint.is_none() && report.duty.is_none() {
-            state = state.alone();
-        }
+        let state = report.state.judged_again(&config.weak.limits());
         let is_done = report.duty.is_some() || is_done(config, report.sightings.into(), &state);
         self.report = Report {
             id: self.report.id,

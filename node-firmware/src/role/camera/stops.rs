@@ -344,7 +344,7 @@ impl CameraRole {
         let answer = self
             .calibration
             .solve(&self.config.weak.limits(), &self.config.lens_sigma);
-        let state = other_lens.unwrap_or(answer.state.alone());
+        let state = other_lens.unwrap_or(answer.state);
         let count = self.calibration.count();
         self.update(
             now,
