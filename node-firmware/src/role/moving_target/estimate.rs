@@ -503,8 +503,8 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// The sightings of both references contradict each other, though both knew their poses, by this estimate or by
-    /// their own: it is not known which of them was moved.
+    /// The sightings of both references contradict each other, though both knew their poses: it is not known
+    /// which of them was moved.
     fn doubt(&mut self, frame: &Frame, table: &Table) {
         if !frame.is_exact() || self.common_stops(&frame.references) <= FRAME_STOPS {
             return;
@@ -512,13 +512,13 @@ impl<'m> Estimate<'m> {
         for (n, address) in frame.references.into_iter().enumerate() {
             let entry = table.iter().find(|entry| entry.address == address);
             let report = entry.and_then(|entry| entry.report);
-            if let Some((report, pose)) = report.and_then(|report| Some((report, *report.pose()?)))
+            let held = report.filter(|report| report.joint.is_some());
+            if let Some((report, pose)) = held.and_then(|report| Some((report, *report.pose()?)))
                 && let Some(told) = self.told.get_mut(n)
                 && told.is_none_or(|told| told.status() != Status::Doubtful)
             {
                 *told = Some(Report {
                     duty: None,
-                    joint: report.joint.or(Some(ProtectionLevel::NONE)),
                     state: CameraState::Doubtful(pose),
                     ..report
                 });
