@@ -119,12 +119,14 @@ impl<T: Real> Problem<'_, T> {
         let covariance = self.pair_covariance(SCALE);
         let covariance = covariance.filter(|_| !self.common.is_carrier_undetermined);
         let mut covariance = covariance.ok_or(Refusal::Undetermined)?;
+        let mut scale = self.common.carrier.x;
         if !self.common.is_baseline_known {
-            let sigma = self.common.scale_prior.sigma;
-            covariance.m11 = sigma * sigma;
+            let prior = self.common.scale_prior;
+            scale = prior.mean;
+            covariance.m11 = prior.sigma * prior.sigma;
         }
         Ok(Carrier {
-            scale: self.common.carrier.x,
+            scale,
             compass: self.common.carrier.y,
             covariance,
         })

@@ -533,6 +533,63 @@ fn an_unknown_carrier_is_estimated_with_the_cameras() {
     assert!(checked >= 20, "{checked}");
 }
 
+/// The distance of the references was not measured, or they are elected: the steps of the carrier tell
+/// lengths, and all errors have the error of his steps in common.
+#[test]
+fn references_of_an_unknown_distance_are_estimated_with_the_cameras() {
+    let unknown = |n: usize| CameraConfig {
+        baseline: None,
+        reference_stops: 4,
+        ..refining(n)
+    };
+    let elected = |n: usize| CameraConfig {
+        may_be_elected: n < 2,
+        reference: None,
+        ..unknown(n)
+    };
+    for seed in 0..4 {
+        for config in [&unknown as &dyn Fn(usize) -> CameraConfig, &elected] {
+            let mut net = Net::estimating(PERFECT, seed, config);
+            let [scale, turn] = [1, 2].map(|n| noise(&[seed, n]));
+            net.missteps(0.05 * scale, 0.035 * turn);
+            net.walk_to(12);
+            net.run_for(20 * SECOND);
+            let reports = net.reports();
+            let first = reports.iter().position(|of| of.duty == Some(Duty::First));
+            let [first, second] = [first.unwrap(), 1 - first.unwrap()];
+            let [pose, other] = [first, second].map(|n| *reports[n].pose().unwrap());
+            assert_eq!((pose.position, pose.covariance[0]), ([0.0; 2], 0.0));
+            // Along the line between both.
+            let [along, _, across, ..] = other.covariance;
+            let sigma = f64::from(along.sqrt());
+            assert_eq!((other.position[1], across), (0.0, 0.0));
+            let baseline = f64::from(other.position[0]);
+            assert!((0.7..1.0).contains(&sigma), "8 % of 10: {sigma}");
+            assert!((baseline - 10.0).abs() < 3.0 * sigma, "{baseline}");
+            // In the frame between them, and in units of what they are apart.
+            let truth = [first, second].map(|n| CAMERAS[n].position);
+            let along = truth[1] - truth[0];
+            let turned = along.y.atan2(along.x);
+            for (n, report) in reports.iter().enumerate().skip(2) {
+                let at = format!("camera {n}, seed {seed}");
+                assert!(report.joint.is_some(), "{at} is estimated by the target");
+                let pose = report.pose().unwrap();
+                let to = (CAMERAS[n].position - truth[0]).map(|x| x * baseline / 10.0);
+                let (sine, cosine) = turned.sin_cos();
+                let off = [
+                    f64::from(pose.position[0]) - (cosine * to.x + sine * to.y),
+                    f64::from(pose.position[1]) - (cosine * to.y - sine * to.x),
+                ];
+                assert!(off[0].hypot(off[1]) < 0.3, "{at}: {off:?}");
+                let sigma = f64::from((pose.covariance[0] + pose.covariance[2]).sqrt());
+                let expected = 0.08 * to.norm();
+                let share = sigma / expected;
+                assert!((0.97..1.2).contains(&share), "{at}: {share}");
+            }
+        }
+    }
+}
+
 /// A calibrated camera is bumped. It says so, and calibrates itself again.
 #[test]
 fn a_camera_that_was_moved_is_estimated_anew() {

@@ -321,6 +321,36 @@ fn a_walk_goes_on_after_a_gap() {
     assert!(sum / (count as f64) < 1.5, "{sum} of {count}");
 }
 
+/// The ways to all later stops were not measured, and a camera was put up only then: other cameras tell where the
+/// target stood when it came into view.
+#[test]
+fn a_camera_that_was_put_up_after_the_last_measured_way_has_a_pose() {
+    let (mut sum, mut count, mut posed) = (0.0, 0, 0);
+    for seed in 0..10 {
+        let walk = walk(seed);
+        let mut sightings = measured(&walk);
+        let late = |camera: u16| {
+            let of = sightings.bearings.iter();
+            of.filter(|seen| seen.camera == camera && seen.stop > 8)
+                .count()
+        };
+        let camera = (3..=9).max_by_key(|camera| late(*camera)).unwrap();
+        sightings.legs.retain(|leg| leg.stop <= 8);
+        let is_there = |stop: u32, of: u16| of != camera || stop > 8;
+        sightings
+            .bearings
+            .retain(|seen| is_there(seen.stop, seen.camera));
+        let solution = solved(&sightings);
+        let (own, numbers) = nees(&walk, &solution);
+        sum += own;
+        count += numbers;
+        let found = solution.cameras.iter().find(|found| found.camera == camera);
+        posed += usize::from(found.unwrap().estimate.is_some());
+    }
+    assert!(posed >= 8, "{posed} of 10");
+    assert!(sum / (count as f64) < 1.5, "{sum} of {count}");
+}
+
 #[test]
 fn what_contradicts_is_named_and_left_out() {
     for seed in 0..6 {

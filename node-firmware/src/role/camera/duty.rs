@@ -309,7 +309,9 @@ impl CameraRole {
         // A target that began anew, or another one, may know less than the camera does.
         let knows_less = variance(solved) > LESS * variance(&report);
         let is_calibrated = report.status() == Status::Calibrated;
-        let is_trusted = is_calibrated && (report.joint.is_some() || report.duty.is_some());
+        let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
+        let is_trusted =
+            is_calibrated && (report.joint.is_some() || report.pose().is_some_and(is_given));
         let poses = [&report, solved].map(|report| report.pose()?.pose());
         if let (true, Some(held), [Some(own), Some(other)]) =
             (is_trusted && report.joint.is_some(), report.pose(), poses)
@@ -326,7 +328,6 @@ impl CameraRole {
         }
         // A place that the camera was given is not given up for one that another node finds for it: the
         // camera was moved, and its place is not known now.
-        let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
         if let (Some(held), [Some(own), Some(other)]) = (report.pose(), poses)
             && is_given(held)
             && !solved.pose().is_some_and(is_given)
