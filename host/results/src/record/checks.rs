@@ -134,7 +134,11 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         let is_unclear = |index: &usize| {
             let told = walk.cameras[*index].estimate;
             let told = told.map_or(0.0, |estimate| estimate.sigma_position());
-            let least = if is_measured { UNCLEAR * told } else { limit };
+            let least = if is_measured {
+                UNCLEAR * told
+            } else {
+                limit.max(UNLIKE * told)
+            };
             walk.known.sigma(*index).is_none_or(|sigma| sigma <= least)
         };
         let unclear: Vec<usize> = own.iter().copied().filter(is_unclear).collect();
@@ -338,6 +342,8 @@ impl<'a> Walk<'a> {
 
 /// Measurements that foretell no more than this share of a camera's own sigma do not tell why it is weak.
 const UNCLEAR: f64 = 0.1;
+/// The same of usual values in the place of measurements.
+const UNLIKE: f64 = 0.3;
 /// A gain below this share is none.
 const LEAST_GAIN: f64 = 0.05;
 /// So many measurements in common tie two cameras to one another.
