@@ -1,11 +1,10 @@
 //! Events that the scenario orders: faults and disturbances.
 
-use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
+use std::{cell::RefCell, collections::BTreeSet, ops::Range, rc::Rc};
 
 use cmucam2_emulator::FaultRates;
-use nalgebra::Vector2;
 use node_firmware::hardware::Button;
-use rand::{Rng, RngExt};
+use rand::RngExt;
 use zigbee_link::{radio::Channel, wire::fcs};
 
 use super::{
@@ -32,85 +31,66 @@ struct Heard {
 /// Frames of the nodes that some event replays, in their order.
 type Tape = Rc<RefCell<Vec<Heard>>>;
 
-/// Plans all events of the scenario.
+/// Plans all events of the scenario: the effect of each, and its words.
 pub(super) fn schedule(simulation: &mut Simulation) {
     let root = Root(simulation.scenario.seed);
     let tape = record(simulation);
     let ears = attack::listen(simulation);
     let events = simulation.scenario.events.clone();
-    for (number, event) in (0..).zip(events) {
-        let ScriptedEvent { at_s, action } = event;
+    for (number, ScriptedEvent { at_s, action }) in (0..).zip(events) {
         let at = nanoseconds(at_s);
+        let for_s = action.duration_s().unwrap_or_default();
+        let during = at..at.saturating_add(nanoseconds(for_s));
         let clock = simulation.executor.clock();
-        let until = |for_s: f64| at.saturating_add(nanoseconds(for_s));
+        let nodes = action.nodes().iter();
+        let nodes: Vec<_> = nodes.filter_map(|&id| find(simulation, id)).collect();
+        let plan = Plan {
+            simulation,
+            node: nodes.first().cloned(),
+            during: during.clone(),
+        };
         match action {
-            Action::Restart { node } => {
-                if let Some(node) = find(simulation, node) {
-                    simulation.executor.spawn(restart(clock, at, node));
-                }
-            }
-            Action::PowerCut {
-                node,
-                for_s,
-                in_flash_write,
-            } => {
-                if let Some(node) = find(simulation, node) {
-                    let share = in_flash_write
-                        .then(|| root.stream("power cut", number).random_range(0.0..1.0));
-                    let cut = power_cut(clock, at, node, nanoseconds(for_s), share);
-                    simulation.executor.spawn(cut);
-                }
+            Action::Restart { .. } => plan.once("is restarted", Node::restart),
+            Action::PowerCut { in_flash_write, .. } => {
+                let share =
+                    in_flash_write.then(|| root.stream("power cut", number).random_range(0.0..1.0));
+                plan.spawn(|node| power_cut(clock, at, node, nanoseconds(for_s), share));
             }
             Action::Jam {
-                for_s,
                 channel,
                 at: place,
                 reach,
+                ..
             } => {
-                let during = at..until(for_s);
                 if simulation.chips.is_some() {
                     let told = jam(clock, during.clone(), simulation.nodes.clone());
                     simulation.executor.spawn(told);
                 }
-                simulation.medium.disturb(Disturbance {
-                    during,
-                    kind: Kind::Jammer {
-                        channel: channel.and_then(Channel::new),
-                        disk: place.zip(reach),
-                    },
-                });
+                let channel = channel.and_then(Channel::new);
+                let disk = place.zip(reach);
+                let kind = Kind::Jammer { channel, disk };
+                simulation.medium.disturb(Disturbance { during, kind });
             }
-            Action::Partition { nodes, for_s } => {
-                let apart: BTreeSet<_> = nodes
-                    .iter()
-                    .filter_map(|&id| Some(find(simulation, id)?.antenna))
-                    .collect();
-                simulation.medium.disturb(Disturbance {
-                    during: at..until(for_s),
-                    kind: Kind::Partition(apart),
-                });
+            Action::Partition { .. } => {
+                let apart: BTreeSet<_> = nodes.iter().map(|node| node.antenna).collect();
+                let kind = Kind::Partition(apart);
+                simulation.medium.disturb(Disturbance { during, kind });
             }
-            Action::Loss { share, for_s } => simulation.medium.disturb(Disturbance {
-                during: at..until(for_s),
-                kind: Kind::Loss(share),
-            }),
-            Action::UnplugCamera {
-                node,
-                for_s,
-                with_power,
-            } => {
-                if let Some(node) = find(simulation, node) {
-                    let pull = unplug(clock, at..until(for_s), node, with_power);
-                    simulation.executor.spawn(pull);
-                }
+            Action::Loss { share, .. } => {
+                let kind = Kind::Loss(share);
+                simulation.medium.disturb(Disturbance { during, kind });
             }
-            Action::StickCamera { node, for_s } => {
-                if let Some(node) = find(simulation, node) {
-                    simulation
-                        .executor
-                        .spawn(stick(clock, at..until(for_s), node));
-                }
-            }
+            Action::UnplugCamera { with_power, .. } => plan.during(
+                ["has its camera unplugged", "has its camera back"],
+                move |node, begins| match begins {
+                    true => node.unplug(with_power),
+                    false => node.plug(),
+                },
+            ),
+            Action::StickCamera { .. } => plan.during(
+                ["has a camera that sticks", "has a camera that sees again"],
+                Node::stick_camera,
+            ),
             Action::Daylight { level, kelvin } => {
                 let light = simulation.light.clone();
                 let changes = async move {
@@ -119,95 +99,115 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                 };
                 simulation.executor.spawn(changes);
             }
-            Action::CameraFaults {
-                node,
-                for_s,
-                faults,
-            } => {
-                if let Some(node) = find(simulation, node) {
-                    let mut rates = FaultRates::default();
-                    for (fault, rate) in faults {
-                        // They were checked when the file was read.
-                        let _ = rates.set(&fault, rate);
-                    }
-                    let strike = camera_faults(clock, at..until(for_s), node, rates);
-                    simulation.executor.spawn(strike);
+            Action::CameraFaults { faults, .. } => {
+                let mut rates = FaultRates::default();
+                for (fault, rate) in faults {
+                    // They were checked when the file was read.
+                    let _ = rates.set(&fault, rate);
                 }
+                plan.during(
+                    ["has a camera with other faults", "has its usual camera"],
+                    move |node, begins| node.camera_faults(begins.then_some(rates)),
+                );
             }
-            Action::BumpCamera { node, by, turn_deg } => {
-                if let Some(node) = find(simulation, node) {
-                    let bump = bump(clock, at, node, by.into(), turn_deg.to_radians());
-                    simulation.executor.spawn(bump);
-                }
+            Action::BumpCamera { by, turn_deg, .. } => {
+                plan.once("has its camera moved", move |node| {
+                    node.bump_camera(by.into(), turn_deg.to_radians());
+                });
             }
             Action::Slip {
-                node,
-                for_s,
                 distance,
                 heading_deg,
+                ..
             } => {
-                if let Some(node) = find(simulation, node) {
-                    let error = [distance, heading_deg.to_radians()];
-                    let slip = slip(clock, at..until(for_s), node, error);
-                    simulation.executor.spawn(slip);
-                }
+                let error = [distance, heading_deg.to_radians()];
+                plan.during(["slips", "slips no more"], move |node, begins| {
+                    node.slip(error, begins);
+                });
             }
-            Action::Rest { node, for_s } => {
-                if let Some(node) = find(simulation, node) {
-                    let rest = rest(clock, at..until(for_s), node);
-                    simulation.executor.spawn(rest);
-                }
+            Action::Rest { .. } => plan.during(
+                ["has a carrier who rests", "has a carrier who goes on"],
+                Node::rest,
+            ),
+            Action::IgnoreLamp { stand_s, .. } => plan.during(
+                [
+                    "has a carrier who does not heed the lamp",
+                    "has a carrier who heeds the lamp again",
+                ],
+                move |node, begins| node.hurry(nanoseconds(stand_s), begins),
+            ),
+            Action::PressButton { button, .. } => {
+                let words = match button {
+                    Button::JoinWindow => "has its button pressed that lets devices join",
+                    Button::LearnColour => "has its button pressed that has it learn a colour",
+                };
+                plan.once(words, move |node| node.press(button));
             }
-            Action::IgnoreLamp {
-                node,
-                for_s,
-                stand_s,
-            } => {
-                if let Some(node) = find(simulation, node) {
-                    let hurry = hurry(clock, at..until(for_s), node, nanoseconds(stand_s));
-                    simulation.executor.spawn(hurry);
-                }
+            Action::Rot { bits, .. } => {
+                let random = root.stream("rot", number);
+                plan.once("has bits of its flash flip", move |node| {
+                    node.rot(bits, random);
+                });
             }
-            Action::PressButton { node, button } => {
-                if let Some(node) = find(simulation, node) {
-                    simulation.executor.spawn(press(clock, at, node, button));
-                }
+            Action::WearOut { .. } => {
+                plan.once("has a flash that is worn", |node| node.wear_out());
             }
-            Action::Rot { node, bits } => {
-                if let Some(node) = find(simulation, node) {
-                    let random = root.stream("rot", number);
-                    simulation
-                        .executor
-                        .spawn(rot(clock, at, node, bits, random));
-                }
-            }
-            Action::WearOut { node } => {
-                if let Some(node) = find(simulation, node) {
-                    simulation.executor.spawn(wear_out(clock, at, node));
-                }
-            }
-            Action::Replay { node, last_s } => {
-                if let Some(node) = find(simulation, node) {
-                    let medium = simulation.medium.clone();
-                    let sender = (medium, simulation.attacker.clone());
-                    let again = replay(clock, at, nanoseconds(last_s), node, sender, tape.clone());
-                    simulation.executor.spawn(again);
-                }
+            Action::Replay { last_s, .. } => {
+                let simulation = &*plan.simulation;
+                let sender = (simulation.medium.clone(), simulation.attacker.clone());
+                let tape = tape.clone();
+                plan.spawn(|node| replay(clock, at, nanoseconds(last_s), node, sender, tape));
             }
             Action::Forge {
-                frames,
-                every_s,
-                for_s,
+                frames, every_s, ..
             } => {
                 if let Some(ears) = &ears {
                     let random = root.stream("forgery", number);
-                    let during = at..until(for_s);
                     let every = nanoseconds(every_s);
                     let forge = attack::forge(clock, during, every, frames, ears.clone(), random);
                     simulation.executor.spawn(forge);
                 }
             }
         }
+    }
+}
+
+/// An event that befalls a node, if the simulation has that.
+struct Plan<'a> {
+    simulation: &'a mut Simulation,
+    node: Option<Rc<Node>>,
+    during: Range<Time>,
+}
+
+impl Plan<'_> {
+    fn spawn<F: Future<Output = ()> + 'static>(self, event: impl FnOnce(Rc<Node>) -> F) {
+        if let Some(node) = self.node {
+            self.simulation.executor.spawn(event(node));
+        }
+    }
+
+    /// Something that is done to the node once.
+    fn once(self, words: &'static str, act: impl FnOnce(&Rc<Node>) + 'static) {
+        let clock = self.simulation.executor.clock();
+        let at = self.during.start;
+        self.spawn(|node| async move {
+            clock.sleep_until_time(at).await;
+            node.note(words);
+            act(&node);
+        });
+    }
+
+    /// Something that begins and ends: `act` is told which of both.
+    fn during(self, words: [&'static str; 2], act: impl Fn(&Node, bool) + 'static) {
+        let clock = self.simulation.executor.clock();
+        let Range { start, end } = self.during;
+        self.spawn(|node| async move {
+            for ((at, begins), words) in [(start, true), (end, false)].into_iter().zip(words) {
+                clock.sleep_until_time(at).await;
+                node.note(words);
+                act(&node, begins);
+            }
+        });
     }
 }
 
@@ -222,12 +222,6 @@ pub(super) fn find(simulation: &Simulation, id: u16) -> Option<Rc<Node>> {
         id => id,
     };
     simulation.node(id).cloned()
-}
-
-async fn restart(clock: Clock, at: Time, node: Rc<Node>) {
-    clock.sleep_until_time(at).await;
-    node.note("is restarted");
-    node.restart();
 }
 
 /// `share`: share of its next flash operation that is done before, if the cut is to be in one.
@@ -246,75 +240,10 @@ async fn power_cut(clock: Clock, at: Time, node: Rc<Node>, lasts: Time, share: O
     node.regain_power();
 }
 
-async fn unplug(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, with_power: bool) {
-    clock.sleep_until_time(during.start).await;
-    node.note("has its camera unplugged");
-    node.unplug(with_power);
-    clock.sleep_until_time(during.end).await;
-    node.note("has its camera back");
-    node.plug();
-}
-
-async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
-    clock.sleep_until_time(during.start).await;
-    node.note("has a camera that sticks");
-    node.stick_camera(true);
-    clock.sleep_until_time(during.end).await;
-    node.note("has a camera that sees again");
-    node.stick_camera(false);
-}
-
-async fn camera_faults(
-    clock: Clock,
-    during: std::ops::Range<Time>,
-    node: Rc<Node>,
-    rates: FaultRates,
-) {
-    clock.sleep_until_time(during.start).await;
-    node.note("has a camera with other faults");
-    node.camera_faults(Some(rates));
-    clock.sleep_until_time(during.end).await;
-    node.note("has its usual camera");
-    node.camera_faults(None);
-}
-
-async fn bump(clock: Clock, at: Time, node: Rc<Node>, by: Vector2<f64>, turn: f64) {
-    clock.sleep_until_time(at).await;
-    node.note("has its camera moved");
-    node.bump_camera(by, turn);
-}
-
-async fn slip(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, error: [f64; 2]) {
-    clock.sleep_until_time(during.start).await;
-    node.note("slips");
-    node.slip(error, true);
-    clock.sleep_until_time(during.end).await;
-    node.note("slips no more");
-    node.slip(error, false);
-}
-
-async fn rest(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
-    clock.sleep_until_time(during.start).await;
-    node.note("has a carrier who rests");
-    node.rest(true);
-    clock.sleep_until_time(during.end).await;
-    node.note("has a carrier who goes on");
-    node.rest(false);
-}
-
-async fn hurry(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, stand: Time) {
-    clock.sleep_until_time(during.start).await;
-    node.note("has a carrier who does not heed the lamp");
-    node.hurry(stand, true);
-    clock.sleep_until_time(during.end).await;
-    node.note("has a carrier who heeds the lamp again");
-    node.hurry(stand, false);
-}
-
 /// Nodes may move meanwhile, and get power: emulated chips are told so often which channels are jammed.
 const JAM_TOLD: Time = 100_000_000;
 
-async fn jam(clock: Clock, during: std::ops::Range<Time>, nodes: Vec<Rc<Node>>) {
+async fn jam(clock: Clock, during: Range<Time>, nodes: Vec<Rc<Node>>) {
     let mut at = during.start;
     while at < during.end {
         clock.sleep_until_time(at).await;
@@ -323,28 +252,6 @@ async fn jam(clock: Clock, during: std::ops::Range<Time>, nodes: Vec<Rc<Node>>) 
             node.hears_jam(at);
         }
     }
-}
-
-async fn press(clock: Clock, at: Time, node: Rc<Node>, button: Button) {
-    clock.sleep_until_time(at).await;
-    let what = match button {
-        Button::JoinWindow => "has its button pressed that lets devices join",
-        Button::LearnColour => "has its button pressed that has it learn a colour",
-    };
-    node.note(what);
-    node.press(button);
-}
-
-async fn rot(clock: Clock, at: Time, node: Rc<Node>, bits: u32, random: impl Rng) {
-    clock.sleep_until_time(at).await;
-    node.note("has bits of its flash flip");
-    node.rot(bits, random);
-}
-
-async fn wear_out(clock: Clock, at: Time, node: Rc<Node>) {
-    clock.sleep_until_time(at).await;
-    node.note("has a flash that is worn");
-    node.wear_out();
 }
 
 /// Keeps the frames that will be replayed, as nodes send them.

@@ -2,11 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use node_firmware::hardware::Button;
-
 use super::{Checked, fault_rates, refuse};
 use crate::{
-    event::Action,
+    event::{Action, Subject},
     file::{NetworkTable, Scenario},
 };
 
@@ -23,26 +21,15 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
         let name = |field: &str| format!("event {n}.{field}");
         for id in event.action.nodes() {
             let is_target = targets.contains(id);
-            let (may_be, allowed) = match &event.action {
-                Action::UnplugCamera { .. }
-                | Action::StickCamera { .. }
-                | Action::CameraFaults { .. }
-                | Action::BumpCamera { .. }
-                | Action::PressButton {
-                    button: Button::LearnColour,
-                    ..
-                } => (ids.contains(id) && !is_target, "the `id` of a camera"),
-                Action::Slip { .. } | Action::Rest { .. } | Action::IgnoreLamp { .. } => {
-                    (is_target, "the `id` of a target")
-                }
-                Action::PressButton {
-                    button: Button::JoinWindow,
-                    ..
-                } => (*id == 0, "0, for the first network's coordinator"),
-                _ => (
-                    ids.contains(id) || *id == 0,
+            let is_known = ids.contains(id);
+            let (may_be, allowed) = match event.action.subject() {
+                Subject::Any => (
+                    is_known || *id == 0,
                     "the `id` of a camera or a target, or 0 for the first network's coordinator",
                 ),
+                Subject::Camera => (is_known && !is_target, "the `id` of a camera"),
+                Subject::Target => (is_target, "the `id` of a target"),
+                Subject::Coordinator => (*id == 0, "0, for the first network's coordinator"),
             };
             if !may_be {
                 return Err(refuse(name("node"), id, allowed));

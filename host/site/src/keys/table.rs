@@ -12,7 +12,7 @@ use super::{
     Without::{Camera, Is, Needed, Target},
     limits::*,
 };
-use crate::{FIRST_COORDINATOR, PATH_MAX, check::MOST_NETWORKS, firmware};
+use crate::{FIRST_COORDINATOR, PATH_MAX, check::MOST_NETWORKS, event, firmware};
 
 /// In the order of [`BaudRate::ALL`].
 const BAUD_RATES: [u32; BaudRate::ALL.len()] = {
@@ -43,10 +43,11 @@ const fn key(
     }
 }
 
-/// All of them: those of `[firmware]` are where its parameters are declared.
+/// All of them: those of `[firmware]` and those of events are where these are declared.
 pub const KEYS: &[Key] = &{
-    let parts = [SITE, firmware::KEYS, REHEARSAL];
-    let mut all = [SITE[0]; SITE.len() + firmware::KEYS.len() + REHEARSAL.len()];
+    let parts = [SITE, firmware::KEYS, REHEARSAL, event::KEYS];
+    const COUNT: usize = SITE.len() + firmware::KEYS.len() + REHEARSAL.len() + event::KEYS.len();
+    let mut all = [SITE[0]; COUNT];
     let (mut part, mut from, mut n) = (0, 0, 0);
     while n < all.len() {
         while n - from == parts[part].len() {
@@ -193,68 +194,6 @@ const REHEARSAL: &[Key] = &[
 
     key("event[].at_s", SECONDS, Needed, Rehearsal, "When, since the start."),
     key("event[].action", Table, Needed, Rehearsal, "What: one of those that follow."),
-    key("event[].action.restart", Table, Is(""), Rehearsal, "A node restarts; what is in its flash stays."),
-    key("event[].action.restart.node", ANY_NODE, Needed, Rehearsal, "Which."),
-    key("event[].action.power-cut", Table, Is(""), Rehearsal, "A node and its camera lose their power."),
-    key("event[].action.power-cut.node", ANY_NODE, Needed, Rehearsal, "Which."),
-    key("event[].action.power-cut.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.power-cut.in_flash_write", Flag, Is("false"), Rehearsal, "Not before it next writes its flash, in the middle of that."),
-    key("event[].action.jam", Table, Is(""), Rehearsal, "A carrier covers a channel."),
-    key("event[].action.jam.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.jam.channel", CHANNEL, Is("all"), Rehearsal, "Which."),
-    key("event[].action.jam.at", Numbers(2, -LARGE, LARGE, ": x and y"), Is("everywhere"), Rehearsal, "Where it is; `reach` belongs to it."),
-    key("event[].action.jam.reach", LENGTH, Is("everywhere"), Rehearsal, "How far it reaches from `at`."),
-    key("event[].action.partition", Table, Is(""), Rehearsal, "Some nodes and all others do not hear one another."),
-    key("event[].action.partition.nodes", Wholes(0.0, FIRST_COORDINATOR as f64 - 1.0, ": some nodes, 0 for the first network's coordinator"), Needed, Rehearsal, "Which."),
-    key("event[].action.partition.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.loss", Table, Is(""), Rehearsal, "All links lose more frames."),
-    key("event[].action.loss.share", SHARE, Needed, Rehearsal, "Share of the frames."),
-    key("event[].action.loss.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.unplug-camera", Table, Is(""), Rehearsal, "The plug between a node and its camera is pulled."),
-    key("event[].action.unplug-camera.node", NODE, Needed, Rehearsal, "Whose."),
-    key("event[].action.unplug-camera.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.unplug-camera.with_power", Flag, Is("true"), Rehearsal, "The camera's power goes with it."),
-    key("event[].action.stick-camera", Table, Is(""), Rehearsal, "A camera goes on reporting what it saw at that time."),
-    key("event[].action.stick-camera.node", NODE, Needed, Rehearsal, "Whose."),
-    key("event[].action.stick-camera.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.daylight", Table, Is(""), Rehearsal, "The light before all cameras is another one. It stays so."),
-    key("event[].action.daylight.level", Number(0.0, 4.0, ""), Needed, Rehearsal, "How bright it is, against 1 at the start."),
-    key("event[].action.daylight.kelvin", Number(1_667.0, 25_000.0, " kelvin: 2700 is a lamp, 6504 white daylight as at the start, 10000 the blue sky"), Needed, Rehearsal, "Its colour temperature."),
-    key("event[].action.camera-faults", Table, Is(""), Rehearsal, "A camera or its line has other faults for a while, in place of those of `camera.faults`."),
-    key("event[].action.camera-faults.node", NODE, Needed, Rehearsal, "Whose."),
-    key("event[].action.camera-faults.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.camera-faults.faults", Rates, Needed, Rehearsal, "How often each happens, by name: as in `camera.faults`."),
-    key("event[].action.bump-camera", Table, Is(""), Rehearsal, "A camera is moved, turned, or both. It stays so."),
-    key("event[].action.bump-camera.node", NODE, Needed, Rehearsal, "Whose."),
-    key("event[].action.bump-camera.by", Numbers(2, -LARGE, LARGE, ": x and y"), Is("[0, 0]"), Rehearsal, "How far."),
-    key("event[].action.bump-camera.turn_deg", Number(-180.0, 180.0, " degrees"), Is("0"), Rehearsal, "How far it is turned, counter-clockwise."),
-    key("event[].action.slip", Table, Is(""), Rehearsal, "A target slips: its steps are not what its sensor says."),
-    key("event[].action.slip.node", NODE, Needed, Rehearsal, "Which target."),
-    key("event[].action.slip.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.slip.distance", Number(-0.9, 9.0, " of the distance"), Is("0"), Rehearsal, "What the sensor says too much of each distance."),
-    key("event[].action.slip.heading_deg", Number(-180.0, 180.0, " degrees"), Is("0"), Rehearsal, "What it says too much of each heading."),
-    key("event[].action.rest", Table, Is(""), Rehearsal, "A target's carrier rests at the stop where it stands, or comes to stand next, whatever the lamp shows."),
-    key("event[].action.rest.node", NODE, Needed, Rehearsal, "Which target."),
-    key("event[].action.rest.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.ignore-lamp", Table, Is(""), Rehearsal, "A target's carrier does not heed the lamp, and walks on from each stop after a while."),
-    key("event[].action.ignore-lamp.node", NODE, Needed, Rehearsal, "Which target."),
-    key("event[].action.ignore-lamp.for_s", DURATION, Needed, Rehearsal, "For how long."),
-    key("event[].action.ignore-lamp.stand_s", DURATION, Is("1"), Rehearsal, "How long it stands at a stop."),
-    key("event[].action.press-button", Table, Is(""), Rehearsal, "A button of a node is pressed for a moment. A node without power does not notice."),
-    key("event[].action.press-button.node", ANY_NODE, Needed, Rehearsal, "Whose: of a coordinator for `join-window`, of a camera for `learn-colour`."),
-    key("event[].action.press-button.button", Choice(&["join-window", "learn-colour"]), Needed, Rehearsal, "Which: the one that lets devices join for a minute, or the one that has a camera learn the colour of what is in the middle of its view."),
-    key("event[].action.rot", Table, Is(""), Rehearsal, "Bits of a node's flash flip."),
-    key("event[].action.rot.node", ANY_NODE, Needed, Rehearsal, "Which."),
-    key("event[].action.rot.bits", Whole(1.0, 1e6, ""), Needed, Rehearsal, "How many, each as likely as another."),
-    key("event[].action.wear-out", Table, Is(""), Rehearsal, "A node's flash is worn: whatever is written to it or erased fails from now on."),
-    key("event[].action.wear-out.node", ANY_NODE, Needed, Rehearsal, "Which."),
-    key("event[].action.replay", Table, Is(""), Rehearsal, "Frames that a node sent are heard again."),
-    key("event[].action.replay.node", ANY_NODE, Needed, Rehearsal, "Whose."),
-    key("event[].action.replay.last_s", DURATION, Needed, Rehearsal, "Those of this time before."),
-    key("event[].action.forge", Table, Is(""), Rehearsal, "An attacker without the key, beside the first network's coordinator, sends frames."),
-    key("event[].action.forge.frames", Choice(&["random", "flipped", "broadcast", "beacon"]), Needed, Rehearsal, "What is in them: random bytes; the last frame heard with one to three wrong bits; the last secured broadcast with a later counter and random contents; the last beacon from another coordinator."),
-    key("event[].action.forge.every_s", Number(0.005, 1e7, " seconds"), Needed, Rehearsal, "One in this time."),
-    key("event[].action.forge.for_s", DURATION, Needed, Rehearsal, "For how long."),
 
     key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
     key("grid.cell_nodes", Whole(2.0, 98.0, ": a network has 100 members at most, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),

@@ -13,7 +13,7 @@ fn page() -> String {
     std::fs::read_to_string(PAGE).unwrap()
 }
 
-/// The page with the tables that the list of keys makes.
+/// The page with the tables that the list of keys makes: that of a table's keys, or one of each table in it.
 fn made_anew(page: &str, tables: &mut BTreeSet<String>) -> String {
     let mut made = String::new();
     let mut is_table = false;
@@ -28,6 +28,17 @@ fn made_anew(page: &str, tables: &mut BTreeSet<String>) -> String {
             let table = table.trim_end_matches(" -->").trim().to_owned();
             made += &markdown(&table);
             assert!(tables.insert(table), "{line} is there twice");
+            is_table = true;
+        }
+        if let Some(table) = line.strip_prefix("<!-- keys in: ") {
+            let prefix = format!("{}.", table.trim_end_matches(" -->").trim());
+            for key in KEYS {
+                let name = key.path.strip_prefix(&prefix);
+                if let Some(name) = name.filter(|name| !name.contains('.')) {
+                    made += &format!("`{name}`:\n\n{}\n", markdown(key.path));
+                    tables.insert(key.path.to_owned());
+                }
+            }
             is_table = true;
         }
     }

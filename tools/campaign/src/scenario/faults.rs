@@ -1,9 +1,11 @@
 //! Faults: events, and lines that err all the time.
 
+use std::collections::BTreeMap;
+
 use rand::{Rng, RngExt, seq::IndexedRandom};
 use site::{Action, Forgery, Scenario, ScriptedEvent};
 
-use super::{between, happens};
+use super::{SAGS, between, happens, is_reference, is_target};
 
 /// Time until the network is formed, seconds.
 const SET_UP_S: f64 = 12.0;
@@ -183,4 +185,43 @@ fn actions(
         },
     };
     vec![action]
+}
+
+/// The name of each event of a scenario, for people.
+pub(super) fn names(scenario: &Scenario) -> impl Iterator<Item = &'static str> {
+    let mut bumps = BTreeMap::<u16, usize>::new();
+    for event in &scenario.events {
+        if let Action::BumpCamera { node, .. } = event.action {
+            *bumps.entry(node).or_default() += 1;
+        }
+    }
+    let name = move |event: &ScriptedEvent| match event.action {
+        Action::Restart { node } if is_target(scenario, node) => "restart of a target",
+        Action::Restart { .. } => "restart",
+        Action::PowerCut {
+            in_flash_write: true,
+            ..
+        } => "torn write",
+        Action::PowerCut { .. } => "power cut",
+        Action::Jam { .. } => "jam",
+        Action::Partition { .. } => "partition",
+        Action::Loss { .. } => "loss for a while",
+        Action::UnplugCamera { .. } => "unplugged",
+        Action::StickCamera { node, .. } if is_reference(scenario, node) => "stuck reference",
+        Action::StickCamera { .. } => "stuck camera",
+        Action::Daylight { .. } => "daylight",
+        Action::BumpCamera { node, .. } if bumps[&node] >= SAGS => "sagging mount",
+        Action::BumpCamera { node, .. } if is_reference(scenario, node) => "bumped reference",
+        Action::BumpCamera { .. } => "bumped camera",
+        Action::Slip { .. } => "slip",
+        Action::Replay { .. } => "replay",
+        Action::CameraFaults { .. } => "camera faults for a while",
+        Action::Rest { .. } => "carrier who rests",
+        Action::IgnoreLamp { .. } => "carrier who ignores the lamp",
+        Action::PressButton { .. } => "pressed button",
+        Action::Rot { .. } => "rot",
+        Action::WearOut { .. } => "worn flash",
+        Action::Forge { .. } => "forged frames",
+    };
+    scenario.events.iter().map(name)
 }

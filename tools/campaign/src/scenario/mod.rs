@@ -8,12 +8,12 @@ mod faults;
 mod ground;
 mod systematic;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use clap::ValueEnum;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use site::{Action, Overrides, PlacedCamera, RadioTable, Scenario, ScenarioError};
+use site::{Overrides, PlacedCamera, RadioTable, Scenario, ScenarioError};
 
 /// A mount that moves so often gives way.
 const SAGS: usize = 4;
@@ -125,40 +125,7 @@ pub fn text(scenario: &Scenario) -> String {
 
 /// Faults of a scenario, and its unusual properties: each once, in alphabetical order.
 pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
-    let mut bumps = BTreeMap::<u16, usize>::new();
-    for event in &scenario.events {
-        if let Action::BumpCamera { node, .. } = event.action {
-            *bumps.entry(node).or_default() += 1;
-        }
-    }
-    let events = scenario.events.iter().map(|event| match event.action {
-        Action::Restart { node } if is_target(scenario, node) => "restart of a target",
-        Action::Restart { .. } => "restart",
-        Action::PowerCut {
-            in_flash_write: true,
-            ..
-        } => "torn write",
-        Action::PowerCut { .. } => "power cut",
-        Action::Jam { .. } => "jam",
-        Action::Partition { .. } => "partition",
-        Action::Loss { .. } => "loss for a while",
-        Action::UnplugCamera { .. } => "unplugged",
-        Action::StickCamera { node, .. } if is_reference(scenario, node) => "stuck reference",
-        Action::StickCamera { .. } => "stuck camera",
-        Action::Daylight { .. } => "daylight",
-        Action::BumpCamera { node, .. } if bumps[&node] >= SAGS => "sagging mount",
-        Action::BumpCamera { node, .. } if is_reference(scenario, node) => "bumped reference",
-        Action::BumpCamera { .. } => "bumped camera",
-        Action::Slip { .. } => "slip",
-        Action::Replay { .. } => "replay",
-        Action::CameraFaults { .. } => "camera faults for a while",
-        Action::Rest { .. } => "carrier who rests",
-        Action::IgnoreLamp { .. } => "carrier who ignores the lamp",
-        Action::PressButton { .. } => "pressed button",
-        Action::Rot { .. } => "rot",
-        Action::WearOut { .. } => "worn flash",
-        Action::Forge { .. } => "forged frames",
-    });
+    let events = faults::names(scenario);
     let sensor = scenario.sensor.unwrap_or_default();
     let unlikely = |bias: f64, believed: f64| bias.abs() > 2.5 * believed;
     let [scale, heading] = carrier::believed(scenario);
