@@ -164,6 +164,11 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // Only on a terminal: `indicatif` hides it otherwise.
     let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {eta} left, {msg}")?;
     let numbers: Vec<_> = numbers.filter(|number| arguments.takes(*number)).collect();
+    anyhow::ensure!(
+        arguments.having.is_empty() || !numbers.is_empty(),
+        "none of these runs has {}: the second table of a whole campaign names what runs have",
+        arguments.having.join(" or ")
+    );
     let bar = ProgressBar::new(numbers.len() as u64).with_style(style);
     let (mut tally, mut impossible) = (Tally::default(), None);
     runs::side_by_side(

@@ -2,6 +2,7 @@
 
 use std::{
     cmp::Reverse,
+    fs::{self, File},
     io::{BufRead, BufReader, Write},
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -42,6 +43,9 @@ const BUILT_WITH: [(&str, &str); 5] = [
 
 /// Example programs of libraries that are measurements: stages of their own run them.
 const MEASUREMENTS: [&str; 1] = ["soak"];
+
+/// Folder, beside what is built, of what test programs print.
+const SAID_IN: &str = "said";
 
 /// Threads of a test program for each processor: many tests wait for another process.
 const THREADS: usize = 3;
@@ -128,21 +132,30 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     let names: Vec<_> = members.iter().map(|(name, _)| name.as_str()).collect();
     let tests: Vec<_> = programs.iter().map(|program| &program.tests).collect();
     complete(&names, &tests)?;
+    let said_in = sh.create_dir(built::folder(sh)?.join(SAID_IN))?;
     side_by_side(&programs, |program| {
-        let output = Command::new(&program.path)
+        let Tests { package, suite, .. } = &program.tests;
+        // Files, not pipes: a process that outlives its test holds a pipe open, and nothing would end. They can also
+        // be read meanwhile.
+        let [told, complained] =
+            ["out", "err"].map(|what| said_in.join(format!("{package}-{suite}.{what}")));
+        let status = Command::new(&program.path)
             .current_dir(&program.folder)
             .env("CARGO_MANIFEST_DIR", &program.folder)
             .env("RUST_TEST_THREADS", &threads)
-            .output()?;
-        let said = String::from_utf8_lossy(&output.stdout);
-        let Tests { package, suite, .. } = &program.tests;
+            .stdin(Stdio::null())
+            .stdout(File::create(&told)?)
+            .stderr(File::create(&complained)?)
+            .status()?;
+        let said = fs::read(&told)?;
+        let said = String::from_utf8_lossy(&said);
         // At once: others run beside it.
         println!("\n{package}, {suite}{said}");
-        let errors = String::from_utf8_lossy(&output.stderr);
+        let errors = fs::read(&complained)?;
+        let errors = String::from_utf8_lossy(&errors);
         ensure!(
-            output.status.success(),
-            "{errors}`{suite}` of `{package}` failed: {}",
-            output.status
+            status.success(),
+            "{errors}`{suite}` of `{package}` failed: {status}"
         );
         all_ran(&program.tests, Counts::of(&said))
     })?;

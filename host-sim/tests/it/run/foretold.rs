@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use super::rooms::CARRIER;
 use host_sim::network::{Options, Simulation};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -32,18 +33,7 @@ fn room(seed: u64) -> Scenario {
         [camera]
         field_of_view_deg = 60
         range = 9
-        [firmware]
-        systematic_heading_deg = 3.0
-        systematic_scale = 0.08
-        [sensor]
-        measures = true
-        scale_bias = -0.032
-        heading_bias_deg = -0.97
-        leg_distance = 0.02
-        leg_heading_deg = 1.0
-        [walk]
-        speed = 0.8
-        step_length = 0.6
+        {CARRIER}
         [world]
         low = [0, 0]
         high = [{width:.2}, {height:.2}]

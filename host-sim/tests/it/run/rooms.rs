@@ -14,7 +14,7 @@ use results::{
 use site::{Overrides, Scenario};
 
 /// A person who was not measured.
-const CARRIER: &str = "
+pub(super) const CARRIER: &str = "
     [firmware]
     systematic_heading_deg = 3.0
     systematic_scale = 0.08

@@ -296,21 +296,22 @@ impl Survey {
         COMMON + 3 * (camera - 2)
     }
 
+    fn lens_column(&self, camera: usize) -> usize {
+        let unknown = self.told.lens.iter().filter(|sigma| **sigma > 0.0).count();
+        Self::camera_column(self.cameras.len()) + unknown * camera
+    }
+
     /// Columns of what is unknown of a camera's lens, each with its sigma and which of the two numbers it is.
     fn lens_columns(&self, camera: usize) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
-        let lens = self.told.lens;
-        let unknown = lens.iter().filter(|sigma| **sigma > 0.0).count();
-        let first = Self::camera_column(self.cameras.len()) + unknown * camera;
-        let given = (0..).zip(lens).filter(|(_, sigma)| *sigma > 0.0);
+        let first = self.lens_column(camera);
+        let given = (0..).zip(self.told.lens).filter(|(_, sigma)| *sigma > 0.0);
         (first..)
             .zip(given)
             .map(|(column, (which, sigma))| (column, which, sigma))
     }
 
     fn stop_column(&self, stop: usize) -> usize {
-        let unknown = self.told.lens.iter().filter(|sigma| **sigma > 0.0).count();
-        let count = self.cameras.len();
-        Self::camera_column(count) + unknown * count + 2 * stop
+        self.lens_column(self.cameras.len()) + 2 * stop
     }
 
     fn bearing_row(&self, look: &Look) -> Option<Row> {
