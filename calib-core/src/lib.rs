@@ -7,6 +7,7 @@
 //! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
 //! | [`joint`] | Where are all cameras, the target's places, and what does its carrier get wrong, from everything together? |
+//! | [`level`] | Is a camera level, as everything in the plane assumes? |
 //! | [`space`] | Where is a camera that hangs high, tilted and rolled, from columns and rows? |
 //! | [`tracking`] | Where are objects that move, when a camera cannot tell which one it saw? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
@@ -48,6 +49,7 @@ pub mod dead_reckoning;
 pub mod fit;
 pub mod intersection;
 pub mod joint;
+pub mod level;
 pub mod reference;
 pub mod resection;
 pub mod space;

@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     Pose, Real, Refusal, angle,
+    level::{self, Levelness, Mounting, Row, Tolerance},
     numerics::real::{lit, root},
 };
 
@@ -65,6 +66,41 @@ impl<T: Real> Problem<'_, T> {
         }
         let off = at.coords * (common.scale_prior.sigma / common.scale_prior.mean);
         off * off.transpose()
+    }
+
+    /// The rows of a camera, and its pose.
+    fn rows(&self, camera: usize) -> impl Iterator<Item = Row<T>> + Clone {
+        let standing = self.common.standing;
+        let counting = { self.own(camera) }.filter(|(_, sight)| sight.standing == Standing::Counts);
+        counting.filter_map(move |(_, sight)| {
+            Some(Row {
+                target: self.stops.get(usize::from(sight.stop))?.place,
+                target_variance: standing * standing,
+                bearing: sight.value,
+                elevation: sight.elevation.radians()?,
+                sigma: sight.sigma,
+            })
+        })
+    }
+
+    pub(super) fn levelness(
+        &mut self,
+        camera: usize,
+        tolerance: &Tolerance<T>,
+        inflation: T,
+    ) -> Option<Levelness<T>> {
+        let mut pose = self.pose(camera).ok()?;
+        pose.covariance *= inflation;
+        level::test(&pose, &self.rows(camera), tolerance)
+    }
+
+    pub(super) fn mounting(
+        &mut self,
+        camera: usize,
+        tolerance: &Tolerance<T>,
+    ) -> Option<Mounting<T>> {
+        let pose = self.pose(camera).ok()?;
+        level::mounting(&pose, &self.rows(camera), tolerance)
     }
 
     /// Lens of a camera.

@@ -13,7 +13,11 @@ use super::{
     },
     round::Work,
 };
-use crate::{Limits, Pose, Real, Refusal, numerics::real::lit};
+use crate::{
+    Limits, Pose, Real, Refusal,
+    level::{Elevation, Levelness, Mounting, Tolerance},
+    numerics::real::lit,
+};
 
 /// Memory for an estimator's measurements and estimates. It is the caller's, so that it exists once, wherever
 /// that is, and as large as is needed. Its former contents do not matter.
@@ -356,6 +360,18 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.add_sight(stop, camera, Quantity::Range, range, sigma)
     }
 
+    /// Tells how far above its horizontal plane camera `camera` saw the target, of the last bearing that was added.
+    /// Its standard deviation is that of the bearing.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`] where the last measurement is no bearing.
+    pub fn add_elevation(&mut self, elevation: Elevation) -> Result<(), JointError> {
+        let last = self.sights.all_mut().last_mut();
+        let last = last.filter(|sight| sight.is_bearing());
+        last.ok_or(JointError::Unknown)?.elevation = elevation;
+        Ok(())
+    }
+
     fn add_sight(
         &mut self,
         stop: usize,
@@ -377,6 +393,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             value,
             sigma,
             standing: Standing::Counts,
+            elevation: Elevation::UNKNOWN,
             next: NONE,
         })?;
         Ok(())
@@ -551,6 +568,22 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// [`Refusal::TooFew`] for a camera that does not take part (yet); [`Refusal::Undetermined`].
     pub fn pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         self.solved()?.told_pose(camera)
+    }
+
+    /// Test of a camera's rows: is it level? Its sigmas are larger than told by the root of `inflation`. `None` for one
+    /// without a pose or without rows.
+    pub fn levelness(
+        &mut self,
+        camera: usize,
+        tolerance: &Tolerance<T>,
+        inflation: T,
+    ) -> Option<Levelness<T>> {
+        self.solved().ok()?.levelness(camera, tolerance, inflation)
+    }
+
+    /// How a camera is mounted that is not level, as its rows tell. `None` as of [`levelness`](Self::levelness).
+    pub fn mounting(&mut self, camera: usize, tolerance: &Tolerance<T>) -> Option<Mounting<T>> {
+        self.solved().ok()?.mounting(camera, tolerance)
     }
 
     /// Lens of a camera: the scale of its bearings' tangents.

@@ -18,7 +18,7 @@ use super::{
     problem::{REFERENCES, Sight, Standing, Stop, Told, root_information},
     round::Work,
 };
-use crate::{Real, angle::wrap_signed, numerics::real::lit};
+use crate::{Real, angle::wrap_signed, level::Elevation, numerics::real::lit};
 
 /// Bearings that a pose takes.
 const FEWEST: usize = 3;
@@ -55,6 +55,8 @@ pub struct Measured<T> {
     pub value: T,
     /// Its standard deviation.
     pub sigma: T,
+    /// Of a bearing: how far above the camera's horizontal plane, if that is known.
+    pub elevation: Elevation,
 }
 
 impl<T: Real> JointEstimator<'_, T> {
@@ -88,6 +90,7 @@ impl<T: Real> JointEstimator<'_, T> {
             quantity: sight.quantity,
             value: sight.value,
             sigma: sight.sigma,
+            elevation: sight.elevation,
         })
     }
 

@@ -7,6 +7,7 @@ use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 use super::{Prior, ProtectionLevels, Solver, StopTag, Undetermined};
 use crate::{
     Real, angle,
+    level::Elevation,
     numerics::plane::{self, dot, quarter_turn},
     numerics::real::lit,
 };
@@ -71,6 +72,8 @@ pub struct Sight<T> {
     pub(super) value: T,
     pub(super) sigma: T,
     pub(super) standing: Standing,
+    /// Of a bearing: how far above the camera's horizontal plane, if that is known.
+    pub(super) elevation: Elevation,
     /// The camera's one before, by descending stop.
     pub(super) next: u32,
 }
@@ -170,6 +173,7 @@ impl<T: Real> Default for Sight<T> {
             value: T::zero(),
             sigma: T::one(),
             standing: Standing::Counts,
+            elevation: Elevation::UNKNOWN,
             next: NONE,
         }
     }

@@ -4,6 +4,7 @@ mod alternative;
 mod intersection;
 mod joint;
 mod lens;
+mod level;
 mod place;
 mod pose;
 mod reference;

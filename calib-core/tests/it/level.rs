@@ -1,0 +1,373 @@
+//! Rows tell whether a camera is level: rooms drawn from a seed, with a forward model in space that is written anew here.
+
+use calib_core::{
+    Limits, Pose, Ray, Sighting,
+    level::{self, Elevation, Row, Tolerance},
+    resection,
+};
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, Point2, Rotation3, Vector3, Vector6};
+use rand::RngExt;
+use test_support::{Random, generator, normal};
+
+const LIMITS: Limits<f64> = Limits {
+    position: 0.5,
+    heading: 0.087,
+};
+const TOLERANCE: Tolerance<f64> = Tolerance {
+    tilt: 0.034_906_585,
+    bob: 0.02,
+};
+const PLACE_SIGMA: f64 = 0.02;
+
+/// Columns, rows, columns for a tangent of one, rows for one.
+const CMUCAM2: [f64; 4] = [88.0, 143.0, 75.344_2, 150.688_4];
+const PIXY2: [f64; 4] = [316.0, 208.0, 272.797_9, 272.797_9];
+
+struct Room {
+    truth: Pose<f64>,
+    places: Vec<Point2<f64>>,
+    /// Tangents of column and row.
+    tangents: Vec<[f64; 2]>,
+}
+
+/// A camera on a wall and stops in its picture, whole pixels, a ball that bobs. Angles in degrees.
+fn room(
+    random: &mut Random,
+    frame: [f64; 4],
+    height: f64,
+    tilt: f64,
+    stops: usize,
+) -> Option<Room> {
+    let [columns, rows, across, down] = frame;
+    let truth = Pose {
+        position: Point2::new(random.random_range(1.0..7.0), 0.1),
+        heading: (90.0_f64 + random.random_range(-30.0..30.0)).to_radians(),
+        covariance: Matrix3::zeros(),
+    };
+    let pitch = (tilt + normal(random)).to_radians();
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), truth.heading)
+        * Rotation3::from_axis_angle(&Vector3::y_axis(), pitch)
+        * Rotation3::from_axis_angle(&Vector3::x_axis(), normal(random).to_radians());
+    let horizon = normal(random).to_radians() * down;
+    let (mut places, mut tangents) = (Vec::new(), Vec::new());
+    for _ in 0..400 {
+        let place = Point2::new(random.random_range(0.4..9.0), random.random_range(0.4..9.0));
+        let away = place - truth.position;
+        if !(1.0..9.0).contains(&away.norm()) {
+            continue;
+        }
+        let own = turn.inverse() * Vector3::new(away.x, away.y, 0.02 * normal(random) - height);
+        if own.x < 0.2 {
+            continue;
+        }
+        let pixel = [
+            ((columns - 1.0) / 2.0 - across * own.y / own.x).round(),
+            ((rows - 1.0) / 2.0 - down * own.z / own.x + horizon).round(),
+        ];
+        let [right, bottom] = [columns - 3.0, rows - 5.0];
+        if !(2.0..right).contains(&pixel[0]) || !(4.0..bottom).contains(&pixel[1]) {
+            continue;
+        }
+        let told = |_: usize| PLACE_SIGMA * normal(random);
+        let [x, y] = [0, 1].map(told);
+        places.push(Point2::new(place.x + x, place.y + y));
+        tangents.push([
+            ((columns - 1.0) / 2.0 - pixel[0]) / across,
+            ((rows - 1.0) / 2.0 - pixel[1]) / down,
+        ]);
+        if places.len() == stops {
+            return Some(Room {
+                truth,
+                places,
+                tangents,
+            });
+        }
+    }
+    None
+}
+
+impl Room {
+    /// The pose that a node finds in the plane, if it would call it calibrated.
+    fn calibrated(&self, across: f64) -> Option<Pose<f64>> {
+        let sightings = self
+            .places
+            .iter()
+            .zip(&self.tangents)
+            .map(|(place, [a, _])| {
+                let bearing = a.atan();
+                let sigma = bearing.cos().powi(2) / across / 12_f64.sqrt();
+                Sighting::new(*place, Ray::from_bearing(bearing), sigma)
+                    .with_target_sigma(PLACE_SIGMA)
+            });
+        let solution = resection::solve(&sightings.collect::<Vec<_>>()).ok()?;
+        let is_good = !solution.fit().is_bad() && LIMITS.allow(&solution.pose);
+        is_good.then_some(solution.pose)
+    }
+
+    fn rows(&self, down: f64) -> Vec<Row<f64>> {
+        let seen = self.places.iter().zip(&self.tangents);
+        let row = |(place, [a, b]): (&Point2<f64>, &[f64; 2])| Row {
+            target: *place,
+            target_variance: PLACE_SIGMA * PLACE_SIGMA,
+            bearing: a.atan(),
+            elevation: Elevation::from_radians((b / a.hypot(1.0)).atan() as f32)
+                .radians()
+                .unwrap(),
+            sigma: 1.0 / down / 12_f64.sqrt(),
+        };
+        seen.map(row).collect()
+    }
+
+    /// Errors of a pose over its sigmas, the larger of place and heading.
+    fn sigmas_off(&self, pose: &Pose<f64>) -> f64 {
+        let turned = calib_core::angle::wrap_signed(pose.heading - self.truth.heading);
+        let off = (pose.position - self.truth.position).norm() / pose.sigma_position();
+        off.max(turned.abs() / pose.covariance.m33.sqrt())
+    }
+}
+
+#[derive(Debug, Default)]
+struct Tally {
+    calibrated: usize,
+    deceived_before: usize,
+    refused: usize,
+    deceived: usize,
+    heights: Vec<f64>,
+    pitches: Vec<f64>,
+}
+
+fn tally(frame: [f64; 4], height: f64, tilt: f64, stops: usize, rooms: usize) -> Tally {
+    let mut random =
+        generator(7 + (height * 10.0) as u64 + 100 * tilt as u64 + 10_000 * stops as u64);
+    let mut tally = Tally::default();
+    for _ in 0..rooms {
+        let Some(room) = room(&mut random, frame, height, tilt, stops) else {
+            continue;
+        };
+        let Some(mut pose) = room.calibrated(frame[2]) else {
+            continue;
+        };
+        tally.calibrated += 1;
+        tally.deceived_before += usize::from(room.sigmas_off(&pose) > 5.0);
+        let rows = room.rows(frame[3]);
+        let found = level::test(&pose, &rows.iter().copied(), &TOLERANCE).unwrap();
+        if found.is_refused() {
+            let told = level::mounting(&pose, &rows.iter().copied(), &TOLERANCE).unwrap();
+            tally.refused += 1;
+            tally.heights.push(told.height);
+            tally.pitches.push(told.pitch.to_degrees());
+            continue;
+        }
+        pose.covariance += found.widen();
+        tally.deceived += usize::from(room.sigmas_off(&pose) > 5.0);
+    }
+    tally.heights.sort_by(f64::total_cmp);
+    tally.pitches.sort_by(f64::total_cmp);
+    println!(
+        "{height} m, {tilt} deg, {stops} stops: {} calibrated, {} deceived before, {} refused, {} deceived; rows say {:.2?} m, {:.1?} deg",
+        tally.calibrated,
+        tally.deceived_before,
+        tally.refused,
+        tally.deceived,
+        tally.heights.get(tally.heights.len() / 2),
+        tally.pitches.get(tally.pitches.len() / 2)
+    );
+    tally
+}
+
+/// Rooms of a row of the tables below; ten times as many at night.
+fn rooms() -> usize {
+    if std::env::var_os("XTASK_ALL").is_some() {
+        2_000
+    } else {
+        200
+    }
+}
+
+/// A level camera passes at any height, though its bracket is a degree off.
+#[test]
+fn level_cameras_pass() {
+    let (mut refused, mut all) = (0, 0);
+    for frame in [CMUCAM2, PIXY2] {
+        for stops in [3, 10] {
+            for height in [0.0, 0.5, 1.5, 2.5] {
+                let tally = tally(frame, height, 0.0, stops, rooms());
+                assert_eq!(tally.deceived, 0, "{tally:?}");
+                refused += tally.refused;
+                all += tally.calibrated;
+            }
+        }
+    }
+    println!("{refused} of {all} refused");
+    assert!(500 * refused <= all && all > 5 * rooms());
+}
+
+/// A tilt of 20 degrees or more is refused, and its height and pitch are told; one of 10 degrees deceives hardly.
+#[test]
+fn tilted_cameras_are_refused() {
+    let (mut left, mut all, mut before) = (0, 0, 0);
+    let (mut deceived, mut slight) = (0, 0);
+    for frame in [CMUCAM2, PIXY2] {
+        for stops in [3, 10] {
+            for (height, tilt) in [(1.5, 20.0), (1.5, 30.0), (2.5, 20.0), (2.5, 30.0)] {
+                let tally = tally(frame, height, tilt, stops, rooms());
+                left += tally.calibrated - tally.refused;
+                all += tally.calibrated;
+                before += tally.deceived_before;
+                assert_eq!(tally.deceived, 0, "{tally:?}");
+                if let Some(told) = tally.heights.get(tally.heights.len() / 2) {
+                    assert!((told - height).abs() < 0.4, "{told}");
+                    let told = tally.pitches[tally.pitches.len() / 2];
+                    assert!((told - tilt).abs() < 5.5, "{told}");
+                }
+            }
+            for (height, tilt) in [
+                (0.0, 10.0),
+                (0.5, 10.0),
+                (1.5, 5.0),
+                (1.5, 10.0),
+                (2.5, 10.0),
+            ] {
+                let tally = tally(frame, height, tilt, stops, rooms());
+                deceived += tally.deceived;
+                slight += tally.calibrated;
+            }
+        }
+    }
+    println!(
+        "{left} of {all} left, {before} deceived before; of slight tilts {deceived} of {slight}"
+    );
+    assert!(150 * left <= all && 3 * before > all);
+    assert!(200 * deceived <= slight);
+}
+
+/// The dense covariance of all rows, inverted by the linear algebra library, gives the same chi squared.
+#[test]
+fn chi_squared_is_that_of_the_dense_covariance() {
+    let mut random = generator(3);
+    let mut compared = 0;
+    for (height, tilt) in [(0.0, 0.0), (1.5, 0.0), (1.5, 10.0), (2.5, 20.0)] {
+        for _ in 0..20 {
+            let Some(room) = room(&mut random, CMUCAM2, height, tilt, 6) else {
+                continue;
+            };
+            let Some(pose) = room.calibrated(CMUCAM2[2]) else {
+                continue;
+            };
+            let rows = room.rows(CMUCAM2[3]);
+            let found = level::test(&pose, &rows.iter().copied(), &TOLERANCE).unwrap();
+            let h = found.height;
+            let (sin, cos) = pose.heading.sin_cos();
+            let own = |i: usize| {
+                let d = rows[i].target - pose.position;
+                (d.x * cos + d.y * sin, d.y * cos - d.x * sin)
+            };
+            let tangent = |i: usize| {
+                let row = &rows[i];
+                [row.bearing.tan(), row.elevation.tan() / row.bearing.cos()]
+            };
+            let u = Vector6::<f64>::from_fn(|i, _| 1.0 / own(i).0);
+            let a = Vector6::<f64>::from_fn(|i, _| tangent(i)[0]);
+            let b = Vector6::<f64>::from_fn(|i, _| tangent(i)[1]);
+            let q = b.map(|b| 1.0 + b * b);
+            let j = Matrix6x3::from_fn(|i, k| u[i].powi(2) * [cos, sin, -own(i).1][k]);
+            let farthest: f64 = u.map(f64::recip).max();
+            let t = TOLERANCE.tilt;
+            let noise = Vector6::<f64>::from_fn(|i, _| {
+                (rows[i].sigma * q[i]).powi(2)
+                    + (TOLERANCE.bob * u[i]).powi(2)
+                    + (h * u[i].powi(2) * PLACE_SIGMA).powi(2)
+            });
+            let covariance = Matrix6::from_diagonal(&noise)
+                + u * u.transpose() * (4.0 * farthest).powi(2)
+                + (q * q.transpose() + a * a.transpose()) * t * t
+                + j * pose.covariance * j.transpose() * h * h;
+            let oracle = b.dot(&(covariance.try_inverse().unwrap() * b));
+            let chi_squared = found.fit.chi_squared;
+            assert!(
+                (chi_squared - oracle).abs() < 0.01 * (1.0 + oracle),
+                "{chi_squared} {oracle}"
+            );
+            let single: Vec<_> = rows.iter().map(single).collect();
+            let pose = Pose {
+                position: pose.position.cast(),
+                heading: pose.heading as f32,
+                covariance: pose.covariance.cast(),
+            };
+            let tolerance = Tolerance {
+                tilt: TOLERANCE.tilt as f32,
+                bob: 0.02,
+            };
+            let on_node = level::test(&pose, &single.into_iter(), &tolerance).unwrap();
+            let off = f64::from(on_node.fit.chi_squared) - chi_squared;
+            assert!(
+                off.abs() < 0.02 * (1.0 + chi_squared),
+                "{off} of {chi_squared}"
+            );
+            compared += 1;
+        }
+    }
+    assert!(compared > 40, "{compared}");
+}
+
+fn single(row: &Row<f64>) -> Row<f32> {
+    Row {
+        target: row.target.cast(),
+        target_variance: row.target_variance as f32,
+        bearing: row.bearing as f32,
+        elevation: row.elevation as f32,
+        sigma: row.sigma as f32,
+    }
+}
+
+/// Without a tolerance nothing is tested; one row tells a height and tests nothing; rows behind the camera do not count.
+#[test]
+fn what_cannot_be_tested_is_not() {
+    let pose = Pose {
+        position: Point2::new(0.0, 0.0),
+        heading: 0.0,
+        covariance: Matrix3::from_diagonal_element(1e-4),
+    };
+    let row = |x: f64| Row {
+        target: Point2::new(x, 0.0),
+        target_variance: 0.0,
+        bearing: 0.0,
+        elevation: -0.5_f64.atan(),
+        sigma: 0.002,
+    };
+    let test = |rows: &[Row<f64>], tilt| {
+        level::test(&pose, &rows.iter().copied(), &Tolerance { tilt, bob: 0.0 })
+    };
+    assert_eq!(test(&[row(2.0), row(4.0)], 0.0), None);
+    assert_eq!(test(&[], 0.03), None);
+    assert_eq!(test(&[row(-2.0)], 0.03), None);
+    let one = test(&[row(2.0)], 0.03).unwrap();
+    assert!(
+        !one.is_refused() && (one.height - 1.0).abs() < 0.05,
+        "{one:?}"
+    );
+    // The same row at twice the distance is that of a camera twice as high.
+    assert!(test(&[row(2.0), row(4.0)], 0.03).unwrap().is_refused());
+    let broken = Row {
+        sigma: f64::NAN,
+        ..row(2.0)
+    };
+    assert_eq!(test(&[broken, row(3.0)], 0.03), None);
+}
+
+#[test]
+fn elevations_travel_as_tenths_of_a_milliradian() {
+    for (radians, told) in [
+        (0.0, 0.0),
+        (0.123_44, 0.1234),
+        (-0.123_46, -0.1235),
+        (1.560_7, 1.5607),
+    ] {
+        let elevation = Elevation::from_radians(radians).radians::<f64>().unwrap();
+        assert!((elevation - told).abs() < 1e-9, "{elevation}");
+    }
+    for unknown in [1.6, -2.0, f32::NAN, f32::INFINITY] {
+        assert_eq!(Elevation::from_radians(unknown), Elevation::UNKNOWN);
+    }
+    assert_eq!(Elevation::UNKNOWN.radians::<f32>(), None);
+}
