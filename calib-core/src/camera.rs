@@ -163,10 +163,24 @@ impl<T: Real> Camera<T> {
 
     /// The signed offset `phi` of a column, radians, positive to the left (thesis 2.4).
     pub fn bearing(&self, column: T) -> T {
-        let left = (self.principal_point - column) / self.focal_length;
+        self.angle(self.principal_point - column)
+    }
+
+    /// The angle off the optical axis of so many columns' widths, along a row or across rows; radians.
+    pub fn angle(&self, off: T) -> T {
+        let off = off / self.focal_length;
         match self.projection {
-            Projection::PinHole => left.atan(),
-            Projection::EqualAngle => left,
+            Projection::PinHole => off.atan(),
+            Projection::EqualAngle => off,
+        }
+    }
+
+    /// Direction above the camera's own horizontal plane of what is seen at a bearing, and at this
+    /// [angle](Self::angle) above its middle row; radians.
+    pub fn elevation(&self, bearing: T, row: T) -> T {
+        match self.projection {
+            Projection::PinHole => (tangent(row) * bearing.cos()).atan(),
+            Projection::EqualAngle => row,
         }
     }
 

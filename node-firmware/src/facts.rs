@@ -3,10 +3,10 @@
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
-//! # Format, version 7
+//! # Format, version 8
 //! One record of the log for each fact. Its key says which, its value is the fact, postcard. The number of
 //! the [`Fact`]'s variant leads the value. One more record names the node and role of the facts. Where it is
-//! missing or another's, as in versions 1 to 6, they are not recalled, and the memory is begun anew.
+//! missing or another's, as in versions 1 to 7, they are not recalled, and the memory is begun anew.
 //!
 //! | key | fact |
 //! |---|---|
@@ -21,22 +21,22 @@
 //! | 36 + n | [`Fact::Camera`] n |
 //! | 136 + n | [`Fact::WalkStops`] n |
 //! | 170 + n | [`Fact::WalkBearings`] n |
-//! | 254 | 7, [`Config::owner`] as little-endian u32 |
+//! | 254 | 8, [`Config::owner`] as little-endian u32 |
 //!
 //! # Wear
 //! A page of the nRF52840 can be erased 10,000 times (Product Specification, "NVMC"), and [`BYTES`] are
 //! two banks of 298 records, which are erased in turn. A target with the longest walk it can keep, and
-//! the most cameras, has 201 live records; so a bank takes 96 more before it is full, and both together
-//! 1.9 million. A stop costs some 3 for the walk (the stop, that it stands, that it leaves), one for each
-//! six bearings, up to as many again where another stop makes room, and one for each camera whose pose
-//! became better: 20 of them are 96,000 stops, or nearly nine years of 30 stops a day. With 13 cameras and
+//! the most cameras, has 214 live records; so a bank takes 83 more before it is full, and both together
+//! 1.6 million. A stop costs some 3 for the walk (the stop, that it stands, that it leaves), one for each
+//! five bearings, up to as many again where another stop makes room, and one for each camera whose pose
+//! became better: 20 of them are 83,000 stops, or seven years of 30 stops a day. With 13 cameras and
 //! walks of 30 stops there are 40 live records and twice as many stops.
 //!
 //! [`Config::owner`]: crate::config::Config::owner
 
 use core::ops::Range;
 
-use calib_core::{dead_reckoning::Place, joint::Quantity};
+use calib_core::{dead_reckoning::Place, joint::Quantity, level::Elevation};
 use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
@@ -52,13 +52,13 @@ use crate::{
 /// One above the highest key.
 const KEYS: u8 = WALK_BEARINGS_FROM + BEARING_RECORDS;
 /// Keys that are looked for in one pass over the log: more take more memory, fewer more time.
-const KEYS_AT_A_TIME: u8 = 60;
+const KEYS_AT_A_TIME: u8 = 62;
 const _: () =
     assert!(KEYS.div_ceil(KEYS_AT_A_TIME) as u16 * (KEYS_AT_A_TIME as u16) < OWNER as u16);
 /// Key of the record that names the owner of the facts.
 const OWNER: u8 = 254;
 /// First byte of its value.
-const VERSION: u8 = 7;
+const VERSION: u8 = 8;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
 
@@ -68,7 +68,7 @@ pub const BYTES: u32 = 14 * 4096;
 /// Stops of a walk in a record.
 pub const STOPS_PER_RECORD: usize = 3;
 /// Bearings of a walk in a record.
-pub const BEARINGS_PER_RECORD: usize = 6;
+pub const BEARINGS_PER_RECORD: usize = 5;
 /// Records of all stops that a target keeps, and of all bearings.
 pub(crate) const STOP_RECORDS: u8 = limits::WALK_STOPS.div_ceil(STOPS_PER_RECORD) as u8;
 pub(crate) const BEARING_RECORDS: u8 = limits::WALK_BEARINGS.div_ceil(BEARINGS_PER_RECORD) as u8;
@@ -223,10 +223,37 @@ pub struct ReferenceStop {
     pub stop: StopNumber,
     /// Its place in the target's own frame, once told.
     pub place: Option<Place<f32>>,
-    /// Direction in which this camera saw it.
+    /// Direction in which this camera saw it. Width and row are not written down.
+    #[serde(with = "direction")]
     pub own: Option<Seen>,
     /// Direction in which the other reference camera saw it.
+    #[serde(with = "direction")]
     pub other: Option<Seen>,
+}
+
+/// A direction alone, as far as the reference solve needs it.
+mod direction {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    use crate::message::Seen;
+
+    pub(super) fn serialize<S: Serializer>(
+        seen: &Option<Seen>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        let direction = seen.map(|seen| (seen.bearing, seen.sigma));
+        direction.serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<Seen>, D::Error> {
+        let direction = Option::<(f32, f32)>::deserialize(deserializer)?;
+        let seen = direction.map(|(bearing, sigma)| Seen::direction(bearing, sigma));
+        let is_sound = seen.is_none_or(|seen| seen.is_usable());
+        let seen = is_sound.then_some(seen);
+        seen.ok_or_else(|| D::Error::custom("a number out of range"))
+    }
 }
 
 /// Colours that a camera learnt, by their number.
@@ -300,6 +327,8 @@ pub struct WalkBearing {
     pub value: f32,
     /// Its standard deviation, above zero.
     pub sigma: f32,
+    /// Of a bearing: how far above the camera's horizontal plane the target was.
+    pub elevation: Elevation,
 }
 
 /// The facts of one node in a range of a flash.

@@ -172,6 +172,7 @@ mod tests {
         let steady = Steady {
             left: 60.5,
             right: 79.5,
+            above: None,
             column_sigma: 0.2,
             frames: 5,
             pixels: 20,

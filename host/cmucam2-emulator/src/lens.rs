@@ -103,6 +103,11 @@ impl Lens {
         self.bearing(-0.5)
     }
 
+    /// The same in height: from the axis to its upper border.
+    pub fn half_height(&self) -> f64 {
+        self.angle(self.rows / 2.0 / self.aspect)
+    }
+
     /// Distance from the middle of the picture of an angle off the axis, columns.
     fn off(&self, angle: f64) -> f64 {
         self.focal
@@ -119,10 +124,15 @@ impl Lens {
 
     /// The bearing of a column, from 0 at the middle of the first one; radians.
     pub fn bearing(&self, column: f64) -> f64 {
-        let left = ((self.columns - 1.0) / 2.0 - column) / self.focal;
+        self.angle((self.columns - 1.0) / 2.0 - column)
+    }
+
+    /// Angle off the axis of a distance from the middle of the picture, columns.
+    fn angle(&self, off: f64) -> f64 {
+        let off = off / self.focal;
         match self.projection {
-            Projection::PinHole => left.atan(),
-            Projection::EqualAngle => left,
+            Projection::PinHole => off.atan(),
+            Projection::EqualAngle => off,
         }
     }
 

@@ -343,6 +343,7 @@ impl Scenario {
     pub fn exact(mut self) -> Self {
         self.camera.field_of_view_sigma = Some(0.0);
         self.camera.principal_sigma = Some(0.0);
+        self.camera.tilt_sigma_deg = Some(0.0);
         for network in &mut self.networks {
             network.references.baseline_sigma = Some(0.0);
             network.references.position_sigma = Some(0.0);
@@ -365,6 +366,7 @@ impl Scenario {
         sigmas.fold(LensSigma::EXACT, |all, one| LensSigma {
             focal: all.focal.max(one.focal),
             principal_deg: all.principal_deg.max(one.principal_deg),
+            tilt_deg: all.tilt_deg.max(one.tilt_deg),
         })
     }
 

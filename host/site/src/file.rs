@@ -222,6 +222,9 @@ pub struct CameraTable {
     /// Standard deviation of the column of the optical axis that nodes believe, columns; 0 if it is exact. Default:
     /// 2.
     pub principal_sigma: Option<f64>,
+    /// Standard deviation of the pitch and roll of cameras that are put up level, degrees; 0 if they are exactly
+    /// level. Default: the firmware's.
+    pub tilt_sigma_deg: Option<f64>,
     /// Baud rate of the line between node and camera. Default: the firmware's.
     pub baud: Option<u32>,
     /// Noise of a pixel, standard deviation, levels. Default 2.
@@ -244,6 +247,7 @@ impl Default for CameraTable {
             model: ModelTable::default(),
             field_of_view_sigma: None,
             principal_sigma: None,
+            tilt_sigma_deg: None,
             baud: None,
             noise: 2.0,
             flicker: 0.01,
@@ -270,6 +274,8 @@ impl CameraTable {
         LensSigma {
             focal: given.unwrap_or(LensSigma::UNMEASURED.focal),
             principal_deg: principal.to_degrees().min(20.0) as f32,
+            tilt_deg: { self.tilt_sigma_deg }
+                .map_or(LensSigma::UNMEASURED.tilt_deg, |sigma| sigma as f32),
         }
     }
 
@@ -349,6 +355,15 @@ pub struct PlacedCamera {
     /// Where it looks, degrees. Needed in a rehearsal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heading_deg: Option<f64>,
+    /// Height of its lens above the floor, in a rehearsal. Default: that of the ball.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<f64>,
+    /// Angle of its optical axis below the horizon, in a rehearsal, degrees. Default: level.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_deg: Option<f64>,
+    /// Its turn about the optical axis, positive where the left side is high, in a rehearsal, degrees. Default: upright.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roll_deg: Option<f64>,
     /// In place of [`CameraTable::kind`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<CameraKind>,
@@ -664,6 +679,9 @@ pub struct TargetTable {
     /// Radius. Default 0.15: as wide as the thesis's robot.
     #[serde(default = "radius")]
     pub radius: f64,
+    /// Height of the middle of its ball above the floor, in a rehearsal. Default: a metre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<f64>,
     /// Where it stops, the first one being where it begins. Default: planned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stops: Option<Vec<[f64; 2]>>,

@@ -87,6 +87,7 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
         id: 40_000 + cell as u16,
         colour: COLOURS[column % 2 + 2 * (row % 2)],
         radius: 0.15,
+        height: None,
         stops: None,
         window: None,
         firmware: None,

@@ -18,7 +18,7 @@ use super::{
     file::{CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, TargetTable},
     planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Told, Tolerance},
 };
-use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
+use crate::world::{Camera, Gait, Mount, Obstacle, SensorErrors, Target, Variant, World};
 use cmucam2_emulator::{FaultRates, Lens, Rgb, Sensor};
 
 /// All of a scenario, with planned stops.
@@ -165,11 +165,47 @@ impl Site {
     }
 }
 
+/// Height of the middle of a ball above the floor, where the file has none, metres.
+const BALL_HEIGHT: f64 = 1.0;
+
+/// Mounting of a camera above a ball.
+fn mount(
+    name: &str,
+    table: &CameraTable,
+    placed: &PlacedCamera,
+    ball_height: f64,
+) -> Result<Mount, ScenarioError> {
+    let [pitch, roll] = [placed.pitch_deg, placed.roll_deg].map(Option::unwrap_or_default);
+    let mount = Mount {
+        height: placed.height.map_or(0.0, |height| height - ball_height),
+        pitch: pitch.to_radians(),
+        roll: roll.to_radians(),
+    };
+    let key = if pitch == 0.0 {
+        "roll_deg"
+    } else {
+        "pitch_deg"
+    };
+    if table.variant == Variant::Stage && mount != Mount::LEVEL {
+        let allowed =
+            "left out with the variant `stage`: its cameras are level, at the height of the ball";
+        return Err(refuse(format!("{name}.{key}"), "given", allowed));
+    }
+    let is_tilted = pitch != 0.0 || roll != 0.0;
+    if is_tilted && table.tilt_sigma_deg == Some(0.0) {
+        let allowed = "0 where `camera.tilt_sigma_deg = 0` promises that every camera is level: nodes believe that. \
+                       Leave that key out";
+        return Err(refuse(format!("{name}.{key}"), pitch + roll, allowed));
+    }
+    Ok(mount)
+}
+
 /// The camera of the world that one of a file is.
 fn camera(
     name: &str,
     table: &CameraTable,
     placed: &PlacedCamera,
+    ball_height: f64,
 ) -> Result<(Camera, CameraNode), ScenarioError> {
     let missing = |field: &str| {
         let allowed = "there in a rehearsal, which puts this camera somewhere; only nodes are \
@@ -211,6 +247,7 @@ fn camera(
     let camera = Camera {
         place,
         heading: heading_deg.to_radians(),
+        mount: mount(name, table, placed, ball_height)?,
         lens,
         range: table.range,
         variant: table.variant,
@@ -272,9 +309,12 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let mut networks = Vec::new();
     for (n, table) in (1..).zip(&scenario.networks) {
         let mut nodes = Vec::new();
+        let ball_height = table.targets.first().and_then(|target| target.height);
+        let ball_height = ball_height.unwrap_or(BALL_HEIGHT / scenario.metres_per_unit());
         for (c, placed) in (1..).zip(&table.cameras) {
             let name = format!("network {n}.camera {c}");
-            let (camera, mut node) = camera(&name, &scenario.camera.for_camera(placed), placed)?;
+            let of_all = scenario.camera.for_camera(placed);
+            let (camera, mut node) = camera(&name, &of_all, placed, ball_height)?;
             if let Some(o) = obstacles.iter().position(|o| o.contains(camera.place)) {
                 let allowed = format!("outside of obstacle {}", number_in_file(scenario, o));
                 let found = format!("({}, {})", camera.place.x, camera.place.y);

@@ -55,6 +55,7 @@ pub(crate) fn camera() -> CameraConfig {
         lens_sigma: LensSigma {
             focal: 0.05,
             principal_deg: 1.0,
+            tilt_deg: 1.5,
         },
     }
 }
@@ -95,6 +96,7 @@ pub(crate) fn target() -> TargetConfig {
         lens_sigma: LensSigma {
             focal: 0.05,
             principal_deg: 1.0,
+            tilt_deg: 1.5,
         },
         survey_sigma: SurveySigma {
             baseline: 0.01,

@@ -14,7 +14,7 @@ pub mod page;
 
 mod key;
 
-use calib_core::{Limits, camera::Camera};
+use calib_core::{Limits, camera::Camera, level::Tolerance};
 use flash_log::Crc32;
 use heapless::Vec;
 use pixy_driver::Model;
@@ -139,7 +139,7 @@ pub struct CameraConfig {
     pub lens_sigma: LensSigma,
 }
 
-/// Standard deviations of what is said of lenses, zero where it is exact.
+/// Standard deviations of what is said of lenses and how cameras are put up, zero where it is exact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -148,24 +148,36 @@ pub struct LensSigma {
     pub focal: f32,
     /// Of the principal column, degrees off the axis, up to 20.
     pub principal_deg: f32,
+    /// Of the pitch and roll of a camera that is put up level, degrees, up to 20.
+    pub tilt_deg: f32,
 }
 
 impl LensSigma {
-    /// A lens that is exactly what it is said to be. Its installer promises that.
+    /// A lens that is exactly what it is said to be, of a camera that is exactly level. Its installer promises that.
     pub const EXACT: Self = Self {
         focal: 0.0,
         principal_deg: 0.0,
+        tilt_deg: 0.0,
     };
 
-    /// A lens of which no more is known than its field of view by the sheet of its kind.
+    /// A lens of which no more is known than its field of view by the sheet of its kind, of a camera on a bracket.
     pub const UNMEASURED: Self = Self {
         focal: 0.05,
         principal_deg: 1.2,
+        tilt_deg: 2.0,
     };
 
     /// The standard deviations of a bearing's tangent: of its scale, and of what is added to it.
     pub fn of_tangent(&self) -> [f32; 2] {
         [self.focal, self.principal_deg.to_radians()]
+    }
+
+    /// Tolerance of the test whether cameras are level, for a ball that stands within this sigma.
+    pub fn tolerance(&self, standing_sigma: f32) -> Tolerance<f32> {
+        Tolerance {
+            tilt: self.tilt_deg.to_radians(),
+            bob: standing_sigma,
+        }
     }
 }
 

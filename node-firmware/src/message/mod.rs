@@ -37,6 +37,7 @@ use calib_core::{
     dead_reckoning::Place,
     fit::Fit,
     joint::{ProtectionLevels, is_consensus},
+    level::{Elevation, Mounting},
 };
 use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
@@ -307,6 +308,8 @@ pub struct Seen {
     /// Half the angular width of the target, tenths of a milliradian; 0: not known. Its standard deviation is
     /// that of the bearing: one is half the sum, the other half the difference of two edges.
     pub half_width: u16,
+    /// Direction above the camera's own horizontal plane, as well known as the bearing.
+    pub elevation: Elevation,
 }
 
 impl Seen {
@@ -316,7 +319,13 @@ impl Seen {
             bearing,
             sigma,
             half_width: 0,
+            elevation: Elevation::UNKNOWN,
         }
+    }
+
+    /// The same for a target so far above the camera's own horizontal plane.
+    pub const fn above(self, elevation: Elevation) -> Self {
+        Self { elevation, ..self }
     }
 
     /// The same for a target whose edges are so far from its middle, radians.
@@ -487,6 +496,35 @@ pub enum CameraState {
     Doubtful(PoseParts),
     /// The sightings contradict the lens that was configured, and fit another one: the pose with that.
     OtherLens(PoseParts, FittingLens),
+    /// The rows of the sightings tell that the camera is not level: the pose as of a level one, and how it hangs.
+    Tilted(PoseParts, Tilt),
+}
+
+/// How a camera hangs that is not level, as its rows tell.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tilt {
+    /// Angle of its optical axis below the horizon, tenths of a degree.
+    pitch: i16,
+    /// Height above the ball, in the unit of the site.
+    pub height: f32,
+}
+
+impl Tilt {
+    /// Its angle below the horizon, degrees.
+    pub fn pitch_deg(self) -> f32 {
+        f32::from(self.pitch) / 10.0
+    }
+}
+
+impl From<Mounting<f32>> for Tilt {
+    fn from(mounting: Mounting<f32>) -> Self {
+        Self {
+            // The conversion saturates.
+            pitch: (mounting.pitch.to_degrees() * 10.0) as i16,
+            height: mounting.height,
+        }
+    }
 }
 
 /// A lens, in two bytes: its field of view in tenths of a degree, and its projection in the highest
@@ -530,6 +568,7 @@ impl PartialEq for CameraState {
         self.status() == other.status()
             && self.refusal() == other.refusal()
             && self.lens() == other.lens()
+            && self.tilt() == other.tilt()
             && self.pose() == other.pose()
     }
 }
@@ -578,7 +617,7 @@ impl CameraState {
             Self::Refused(_) => Status::Refused,
             Self::Calibrated(_) => Status::Calibrated,
             Self::Weak(_) => Status::Weak,
-            Self::Doubtful(_) | Self::OtherLens(..) => Status::Doubtful,
+            Self::Doubtful(_) | Self::OtherLens(..) | Self::Tilted(..) => Status::Doubtful,
         }
     }
 
@@ -596,7 +635,8 @@ impl CameraState {
             Self::Calibrated(pose)
             | Self::Weak(pose)
             | Self::Doubtful(pose)
-            | Self::OtherLens(pose, _) => Some(pose),
+            | Self::OtherLens(pose, _)
+            | Self::Tilted(pose, _) => Some(pose),
             Self::Waiting | Self::Refused(_) => None,
         }
     }
@@ -608,6 +648,14 @@ impl CameraState {
             _ => None,
         }
     }
+
+    /// How the camera hangs, where it is not level.
+    pub const fn tilt(&self) -> Option<Tilt> {
+        match self {
+            Self::Tilted(_, tilt) => Some(*tilt),
+            _ => None,
+        }
+    }
 }
 
 impl Report {
@@ -615,6 +663,7 @@ impl Report {
     pub fn is_usable(&self) -> bool {
         self.chi_squared.is_finite()
             && self.chi_squared >= 0.0
+            && self.state.tilt().is_none_or(|tilt| tilt.height.is_finite())
             && self.joint.is_none_or(|level| level.is_usable())
     }
 

@@ -107,6 +107,6 @@ mod tests {
             assert_eq!(key.record(), record);
             count += 1;
         }
-        assert_eq!(count, 6 + SIGHTINGS + REFERENCE_STOPS + MEMBERS + 34 + 64);
+        assert_eq!(count, 6 + SIGHTINGS + REFERENCE_STOPS + MEMBERS + 34 + 77);
     }
 }

@@ -37,6 +37,23 @@ impl Grid {
     }
 }
 
+/// Rows of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Rows {
+    /// Their number.
+    pub count: u16,
+    /// Number of them that are as much as a column, above 0.
+    pub per_column: f32,
+}
+
+impl Rows {
+    /// Columns' widths from the middle of the frame up to a row.
+    pub fn above_middle(&self, row: f32) -> f32 {
+        (f32::from(self.count.saturating_sub(1)) * 0.5 - row) / self.per_column
+    }
+}
+
 /// The blob of one frame, in [columns](super#columns) and rows from 0 at the top.
 ///
 /// Its edges are the outer edges of the outermost pixels that belong to it, half a column or row
@@ -61,6 +78,8 @@ pub struct Blob {
     pub confidence: u8,
     /// Width of the unit in which its columns are known: 1, or that of a block.
     pub cell_width: f32,
+    /// Rows of the frame, if they are known.
+    pub rows: Option<Rows>,
     /// As the camera told it.
     pub told: TrackedBlob,
 }
@@ -85,6 +104,7 @@ impl Blob {
             pixels,
             confidence,
             cell_width: grid.cell_width,
+            rows: None,
             told: TrackedBlob {
                 middle: [x, y].map(u16::from),
                 edges: [found.x1, found.y1, found.x2, found.y2].map(u16::from),
@@ -106,6 +126,13 @@ impl Blob {
     /// narrower than the manual says, and may count from 0 or from 1.
     pub fn is_clipped(&self, columns: u16) -> bool {
         !(self.left > 0.0 && self.right < f32::from(columns) - 2.5)
+    }
+
+    /// The rows of its frame, unless it may reach the upper or lower border: then its middle row is not that of the
+    /// object. As many rows count as do columns of [`is_clipped`](Self::is_clipped).
+    pub fn whole_rows(&self) -> Option<Rows> {
+        let is_whole = |rows: &Rows| self.top > 0.0 && self.bottom < f32::from(rows.count) - 2.5;
+        self.rows.filter(is_whole)
     }
 }
 

@@ -33,8 +33,8 @@ use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
 use super::{
-    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, LearntColour, Subject, VisionError,
-    background,
+    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, LearntColour, Rows, Subject,
+    VisionError, background,
 };
 use crate::log::warning;
 
@@ -296,7 +296,15 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         let subject = self.subject.ok_or(VisionError::NotBegun)?;
         let tracking = self.camera.next_tracking().run().await;
         let tracking = self.taken(tracking)?;
-        Ok(tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject))))
+        let rows = Rows {
+            count: self.rows,
+            per_column: ROWS_PER_COLUMN,
+        };
+        let blob = tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject)));
+        Ok(blob.map(|blob| Blob {
+            rows: Some(rows),
+            ..blob
+        }))
     }
 
     async fn end(&mut self) -> Result<(), VisionError> {

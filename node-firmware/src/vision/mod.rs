@@ -39,7 +39,7 @@ use core::{
 
 pub use self::{
     background::BackgroundShare,
-    blob::{Blob, Grid},
+    blob::{Blob, Grid, Rows},
     cmucam2::Cmucam2BlobCamera,
     either::EitherCamera,
     fault::VisionError,

@@ -41,7 +41,7 @@ use pixy_driver::{
     session::Fault,
 };
 
-use super::{Blob, BlobCamera, LearntColour, Subject, VisionError};
+use super::{Blob, BlobCamera, LearntColour, Rows, Subject, VisionError};
 use crate::{log::warning, message::TrackedBlob};
 
 /// Columns by which a Pixy tells the right edge of a round object too far left, on average.
@@ -221,6 +221,7 @@ pub fn blob(model: Model, largest: &Block, next: Option<&Block>) -> Blob {
         }
     }
     let [left, top, right, bottom] = found;
+    let [_, rows] = model.size();
     let ends = |from: u16, length: u16| from.saturating_add(length);
     Blob {
         left,
@@ -231,6 +232,10 @@ pub fn blob(model: Model, largest: &Block, next: Option<&Block>) -> Blob {
         pixels: 0,
         confidence: 0,
         cell_width: unit(model),
+        rows: Some(Rows {
+            count: rows,
+            per_column: 1.0,
+        }),
         told: TrackedBlob {
             middle: [largest.x, largest.y],
             edges: [

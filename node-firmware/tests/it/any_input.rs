@@ -7,6 +7,7 @@ use calib_core::{
     Refusal,
     camera::Projection,
     dead_reckoning::{Place, PlaceParts, Step, Systematic},
+    level::{Elevation, Mounting},
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -106,7 +107,8 @@ impl Any {
     }
 
     fn seen(&mut self) -> Seen {
-        Seen::direction(self.0.random_range(-0.6..0.6), self.sigma())
+        let elevation = Elevation::from_radians(self.0.random_range(-2.0..2.0));
+        Seen::direction(self.0.random_range(-0.6..0.6), self.sigma()).above(elevation)
     }
 
     fn pose(&mut self) -> PoseParts {
@@ -126,7 +128,7 @@ impl Any {
     }
 
     fn report(&mut self) -> Report {
-        let state = match self.below(6) {
+        let state = match self.below(7) {
             0 => CameraState::Waiting,
             1 => CameraState::Refused(Refusal::DangerCircle),
             2 => CameraState::Calibrated(self.pose()),
@@ -134,6 +136,14 @@ impl Any {
             4 => CameraState::OtherLens(
                 self.pose(),
                 FittingLens::new(Projection::EqualAngle, self.sigma()),
+            ),
+            5 => CameraState::Tilted(
+                self.pose(),
+                Mounting {
+                    height: self.number(),
+                    pitch: self.number(),
+                }
+                .into(),
             ),
             _ => CameraState::Doubtful(self.pose()),
         };

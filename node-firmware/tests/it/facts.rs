@@ -5,9 +5,9 @@ use crate::support;
 use std::collections::BTreeMap;
 
 use calib_core::{
-    camera::Projection,
     dead_reckoning::{Place, PlaceParts, Systematic},
     joint::Quantity,
+    level::{Elevation, Mounting},
 };
 use embassy_futures::block_on;
 use flash_log::{Entry, Log, LogError};
@@ -18,7 +18,7 @@ use node_firmware::{
         STOPS_PER_RECORD, Walk, WalkBearing, WalkLeg, WalkStop,
     },
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS, WALK_BEARINGS, WALK_STOPS},
-    message::{CameraState, Duty, FittingLens, PoseParts, References, Report, Seen},
+    message::{CameraState, Duty, PoseParts, References, Report, Seen},
     network::{Attachment, NetworkIdentity},
     vision::ColourWindow,
 };
@@ -71,7 +71,14 @@ fn report(id: u16) -> Report {
         chi_squared: 2.0,
         done: true,
         joint: None,
-        state: CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
+        state: CameraState::Tilted(
+            pose(),
+            Mounting {
+                height: 2.0,
+                pitch: -1.5,
+            }
+            .into(),
+        ),
     }
 }
 
@@ -172,6 +179,7 @@ fn walk_bearings(record: u8, value: f32) -> Fact {
         quantity: Quantity::Range,
         value,
         sigma: 0.5,
+        elevation: Elevation::UNKNOWN,
     };
     Fact::WalkBearings(record, [Some(bearing); BEARINGS_PER_RECORD])
 }
@@ -256,19 +264,26 @@ fn format() {
     assert_eq!(stops[2..][..leg.len()], leg);
     assert_eq!(stops.len(), 2 + STOPS_PER_RECORD * leg.len());
     let bearings = bytes(&walk_bearings(63, 1.0));
-    let range = [&[1, 0x34, 0x12, 0xFF, 0xFF, 1][..], &one, &half].concat();
-    assert_eq!(bearings, [&[10, 63][..], &range.repeat(6)].concat());
+    let range = [
+        &[1, 0x34, 0x12, 0xFF, 0xFF, 1][..],
+        &one,
+        &half,
+        &[0xFF, 0xFF, 3],
+    ]
+    .concat();
+    assert_eq!(bearings, [&[10, 63][..], &range.repeat(5)].concat());
     let none = bytes(&Fact::WalkBearings(63, [None; BEARINGS_PER_RECORD]));
-    assert_eq!(none, [10, 63, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(none, [10, 63, 0, 0, 0, 0, 0]);
     // Their owner.
     let mut flash = flash::chip(32, 0);
     assert_eq!(recall(&mut flash), []);
     let owner = bank(&flash) + SLOT;
     assert_eq!(
         flash.bytes()[owner..][..8],
-        [1, 254, 7, 0x67, 0x45, 0x23, 0x01, 0]
+        [1, 254, 8, 0x67, 0x45, 0x23, 0x01, 0]
     );
-    let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F, 0x00];
+    // No width, no row.
+    let seen = [0, 0, 0x80, 0x3F, 0, 0, 0, 0x3F, 0, 0xFF, 0xFF, 3];
     assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));
 }
 
@@ -294,7 +309,7 @@ fn all_facts_of_a_target_fit_together() {
     facts.extend((0..MEMBERS as u8).map(|n| Fact::Camera(n, Some((n.into(), report(n.into()))))));
     facts.extend((0..RECORDS[0]).map(|n| walk_stops(n, [1.0, n.into()])));
     facts.extend((0..RECORDS[1]).map(|n| walk_bearings(n, n.into())));
-    assert_eq!(facts.len(), 200);
+    assert_eq!(facts.len(), 213);
     let mut flash = flash::chip(WHOLE as usize / flash::PAGE, 2);
     let mut recalled = Vec::new();
     block_on(async {
@@ -307,7 +322,7 @@ fn all_facts_of_a_target_fit_together() {
     assert_eq!(recalled, facts);
     // As the documentation counts: a bank is full after 96 more.
     let slots = WHOLE as usize / 2 / SLOT;
-    assert_eq!((slots, slots - 1 - (facts.len() + 1)), (298, 96));
+    assert_eq!((slots, slots - 1 - (facts.len() + 1)), (298, 83));
 }
 
 /// An erasure is written down as well, in the room of the fact that it replaces. So there is as much room

@@ -5,6 +5,7 @@ use calib_core::{
     Refusal, Status,
     camera::Projection,
     dead_reckoning::{Place, PlaceParts, Systematic},
+    level::{Elevation, Mounting},
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -35,7 +36,8 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 fn seen() -> Seen {
-    Seen::direction(1.0, 0.5).wide(0.03)
+    let below = Elevation::from_radians(-0.2);
+    Seen::direction(1.0, 0.5).wide(0.03).above(below)
 }
 
 fn place() -> Place<f32> {
@@ -174,10 +176,10 @@ fn golden() -> Vec<(Message, String)> {
             format!("04050201{}", place_bytes()),
         ),
         (Message::Trigger { target: 9, stop: 5 }, "060905".into()),
-        (bearing(None), format!("070905{ONE}{HALF}ac0200")),
+        (bearing(None), format!("070905{ONE}{HALF}ac029f1f00")),
         (
             bearing(Some(pose())),
-            format!("070905{ONE}{HALF}ac0201{}", pose_bytes()),
+            format!("070905{ONE}{HALF}ac029f1f01{}", pose_bytes()),
         ),
         (
             Message::Located(TargetLocation {
@@ -231,6 +233,21 @@ fn golden() -> Vec<(Message, String)> {
             format!("0a0b000403{TWO}010005{}d98402", pose_bytes()),
         ),
         (
+            // 20.0 degrees down: 200, zigzag, as a varint.
+            Message::Report(report(
+                None,
+                CameraState::Tilted(
+                    pose(),
+                    Mounting {
+                        height: 2.0,
+                        pitch: 20.01_f32.to_radians(),
+                    }
+                    .into(),
+                ),
+            )),
+            format!("0a0b000403{TWO}010006{}9003{TWO}", pose_bytes()),
+        ),
+        (
             Message::Done(CommandResult {
                 command: CameraCommand::Forget,
                 outcome: CommandOutcome::Done,
@@ -249,7 +266,7 @@ fn golden() -> Vec<(Message, String)> {
                 seen: Some(seen()),
                 is_wide: true,
             }),
-            format!("0d0102030405ac0207ff0901{ONE}{HALF}ac0201"),
+            format!("0d0102030405ac0207ff0901{ONE}{HALF}ac029f1f01"),
         ),
         (Message::Sightings, "0e".into()),
         (
@@ -262,7 +279,7 @@ fn golden() -> Vec<(Message, String)> {
                 position_sigma: 0.5,
                 seen: seen(),
             }),
-            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02"),
+            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}ac029f1f"),
         ),
         (
             Message::Confirmed(Confirmation {
@@ -284,7 +301,7 @@ fn golden() -> Vec<(Message, String)> {
     ];
     for (n, sight) in sights.into_iter().enumerate() {
         let seen = if n == 0 {
-            format!("01{ONE}{HALF}ac02")
+            format!("01{ONE}{HALF}ac029f1f")
         } else {
             "00".into()
         };
@@ -463,7 +480,7 @@ fn what_the_pc_is_told_is_these_bytes() {
             address: 3,
             sighting
         }),
-        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02")
+        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}ac029f1f")
     );
     let removed = ToPc::Removed {
         address: 300,
@@ -602,6 +619,7 @@ fn a_console_frame_that_is_bad_costs_only_itself() {
 fn longest() -> Vec<(&'static str, Message)> {
     let widest = Seen {
         half_width: u16::MAX,
+        elevation: Elevation::UNKNOWN,
         ..seen()
     };
     let far = u16::MAX;
@@ -621,7 +639,14 @@ fn longest() -> Vec<(&'static str, Message)> {
         }),
         ..report(
             Some(Duty::Second),
-            CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
+            CameraState::Tilted(
+                pose(),
+                Mounting {
+                    height: 2.0,
+                    pitch: -1.5,
+                }
+                .into(),
+            ),
         )
     };
     vec![
@@ -756,17 +781,17 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Roster", 98),
     ("References", 24),
     ("Stopped", 63),
-    ("Look", 19),
+    ("Look", 22),
     ("Trigger", 7),
-    ("Bearing", 55),
+    ("Bearing", 58),
     ("Located", 32),
-    ("Posed", 62),
-    ("Report", 62),
+    ("Posed", 65),
+    ("Report", 65),
     ("Command", 3),
     ("Done", 7),
-    ("Tracked", 30),
+    ("Tracked", 32),
     ("Sightings", 1),
-    ("Sighting", 32),
+    ("Sighting", 35),
     ("Confirmed", 77),
     ("Health", 4),
 ];

@@ -27,6 +27,7 @@ const TWO_PLACES: &str = r#"
     field_of_view_deg = 60.0
     field_of_view_sigma = 0
     principal_sigma = 0
+    tilt_sigma_deg = 0
 
     [sensor]
     measures = true
@@ -138,6 +139,7 @@ const GUESTS: &str = r#"
     field_of_view_deg = 60.0
     field_of_view_sigma = 0
     principal_sigma = 0
+    tilt_sigma_deg = 0
 
     [sensor]
     measures = true

@@ -242,6 +242,9 @@ pub struct Node {
     /// configured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens: Option<NodeLens>,
+    /// How it hangs, of a camera that is not level as its rows tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt: Option<NodeTilt>,
     /// Each sighting against the estimate.
     pub residuals: Vec<Residual>,
     /// When it had its first pose.
@@ -282,6 +285,15 @@ pub struct NodeLens {
     pub projection: Projection,
     /// From the middle of the first column to that of the last one.
     pub fov_deg: f64,
+}
+
+/// How a camera hangs that is not level, as rows tell.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodeTilt {
+    /// Angle of its optical axis below the horizon.
+    pub pitch_deg: f64,
+    /// Height above the ball.
+    pub height: f64,
 }
 
 /// Why firmware could not go on.
@@ -549,6 +561,7 @@ impl Node {
             chi_squared,
             done,
             lens,
+            tilt,
             residuals,
             calibrated_seconds,
             silent,
@@ -583,6 +596,7 @@ impl Node {
             && *chi_squared == other.chi_squared
             && *done == other.done
             && *lens == other.lens
+            && *tilt == other.tilt
             && *calibrated_seconds == other.calibrated_seconds
             && *silent == other.silent
             && *health == other.health
@@ -612,6 +626,7 @@ impl Node {
             chi_squared: None,
             done: false,
             lens: None,
+            tilt: None,
             residuals: Vec::new(),
             calibrated_seconds: None,
             heard_seconds: None,

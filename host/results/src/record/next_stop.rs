@@ -8,7 +8,7 @@ use calib_core::Pose;
 use cmucam2_emulator::Lens;
 use nalgebra::Point2;
 use site::planner::{self, Advice, Noise, PairWish};
-use site::world::{Camera, Obstacle, Variant, World};
+use site::world::{Camera, Mount, Obstacle, Variant, World};
 
 use super::{
     Node, RunRecord, View, checks,
@@ -160,6 +160,7 @@ pub(super) fn stands(node: &Node, believes: bool) -> Option<Camera> {
     Some(Camera {
         place: position,
         heading,
+        mount: Mount::LEVEL,
         lens: lens(PinHole).or_else(|| lens(EqualAngle))?,
         range,
         variant: Variant::Cmucam2,

@@ -18,7 +18,7 @@ use node_firmware::{
 };
 
 use crate::record::{
-    Estimate, Node, NodeLens, Protection,
+    Estimate, Node, NodeLens, NodeTilt, Protection,
     verdict::{half_turn, health_words, status_words},
 };
 
@@ -164,6 +164,10 @@ impl Member {
             node.lens = report.state.lens().map(|lens| NodeLens {
                 projection: lens.projection(),
                 fov_deg: lens.field_of_view_deg().into(),
+            });
+            node.tilt = report.state.tilt().map(|tilt| NodeTilt {
+                pitch_deg: tilt.pitch_deg().into(),
+                height: tilt.height.into(),
             });
         }
     }

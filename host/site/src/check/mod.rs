@@ -211,6 +211,14 @@ fn network(
         let name = format!("{name}.target {n}");
         take(format!("{name}.id"), target.id)?;
         self::target(scenario, &name, target)?;
+        let first = network.targets.first().and_then(|first| first.height);
+        if target.height != first {
+            let found = target
+                .height
+                .map_or("missing".to_owned(), |height| height.to_string());
+            let allowed = "that of the first target: all balls of a network move at one height";
+            return Err(refuse(format!("{name}.height"), found, allowed));
+        }
     }
     if network.targets.is_empty() && visitors.is_empty() {
         home(scenario, name, network)?;

@@ -1,7 +1,7 @@
 //! The plane that cameras look over: what each of them sees at a moment.
 //!
-//! Everything stands on one level, so that the world has two dimensions, as the thesis has
-//! (section 2.4). Lengths are in the scenario's unit, angles in radians, times in nanoseconds as in
+//! Balls move in one plane, as in the thesis (section 2.4). Cameras may hang above or below it, and may be tilted and
+//! rolled. Walls and what else blocks sight reach from the floor to the ceiling. Lengths are in the scenario's unit, angles in radians, times in nanoseconds as in
 //! the camera [emulator](cmucam2_emulator::Emulator).
 //!
 //! | part | job |
@@ -12,19 +12,20 @@
 //! | [`StepSensor`] | Measures the target's steps on the way. |
 //!
 //! # Outline of a target
-//! A ball at the height of the lenses: from a distance `d` its outline reaches `asin(r / d)` to both
-//! sides of its bearing. So the middle of the *angles* of its two edges is its bearing, while the
-//! middle of their columns is not quite, for a pin-hole camera.
+//! In the camera's own horizontal plane a ball is seen from a distance `d` up to `asin(r / d)` to both sides of its
+//! bearing. So the middle of the *angles* of its two edges is its bearing, while the middle of their columns is not
+//! quite, for a pin-hole camera. It is the same with rows.
 //!
 //! # Example
 //! ```
 //! use cmucam2_emulator::Lens;
-//! use site::world::{Camera, Target, Variant, World};
+//! use site::world::{Camera, Mount, Target, Variant, World};
 //! use nalgebra::Point2;
 //!
 //! let camera = Camera {
 //!     place: Point2::new(0.0, 0.0),
 //!     heading: 0.0,
+//!     mount: Mount::LEVEL,
 //!     lens: Lens::new(60_f64.to_radians(), 88, 143).unwrap(),
 //!     range: 8.0,
 //!     variant: Variant::Cmucam2,
@@ -40,7 +41,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Point2, Vector2, Vector3};
 use rstar::{
     AABB, RTree,
     primitives::{GeomWithData, Rectangle},
@@ -80,12 +81,46 @@ pub struct Camera {
     pub place: Point2<f64>,
     /// Direction of its optical axis, radians counter-clockwise from the x axis.
     pub heading: f64,
+    /// Its mounting.
+    pub mount: Mount,
     /// Its real lens, whatever its node believes.
     pub lens: Lens,
     /// Distance up to which it sees.
     pub range: f64,
     /// Model by which its picture is made.
     pub variant: Variant,
+}
+
+/// Mounting of a camera: radians and units of length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mount {
+    /// Height above the middle of the ball.
+    pub height: f64,
+    /// Angle of the optical axis below the horizon.
+    pub pitch: f64,
+    /// Turn about the optical axis, positive where the left side is high.
+    pub roll: f64,
+}
+
+impl Mount {
+    /// Level, at the height of the ball.
+    pub const LEVEL: Self = Self {
+        height: 0.0,
+        pitch: 0.0,
+        roll: 0.0,
+    };
+
+    /// A place of the plane of the balls in the axes of the camera, forward, left and up: `azimuth` radians left of its
+    /// heading, so far off on the floor.
+    fn seen(&self, azimuth: f64, distance: f64) -> Vector3<f64> {
+        let (sin, cos) = azimuth.sin_cos();
+        let (ahead, aside) = (distance * cos, distance * sin);
+        let (sp, cp) = self.pitch.sin_cos();
+        let (sr, cr) = self.roll.sin_cos();
+        let forward = ahead * cp + self.height * sp;
+        let up = ahead * sp - self.height * cp;
+        Vector3::new(forward, aside * cr + up * sr, up * cr - aside * sr)
+    }
 }
 
 /// A coloured ball.

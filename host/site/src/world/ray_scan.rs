@@ -100,6 +100,7 @@ fn blob(view: &mut View, world: &World, camera: &Camera, index: usize, run: [usi
                 distance: to.norm(),
                 bearing: wrapped(to.y.atan2(to.x) - camera.heading),
                 half_width,
+                is_high_enough: true,
                 visible: vec![visible],
             },
         )),

@@ -1,8 +1,9 @@
 //! Outlines and what hides them.
 
+use calib_core::camera::Projection;
 use nalgebra::{Point2, Vector2};
 
-use super::{Camera, World, half_width, obstacle::Shadow};
+use super::{Camera, Mount, World, half_width, obstacle::Shadow};
 use cmucam2_emulator::{Extent, Object, Place, Rgb, Shape};
 
 /// Sight that a camera has of one ball.
@@ -10,23 +11,25 @@ use cmucam2_emulator::{Extent, Object, Place, Rgb, Shape};
 pub struct Sight {
     /// Distance of its middle.
     pub distance: f64,
-    /// Bearing of its middle, radians, positive to the left of the axis.
+    /// Bearing of its middle in the camera's own horizontal plane, radians, positive to the left of the axis.
     pub bearing: f64,
-    /// Half the angle under which all of it is seen, radians.
+    /// Half the angle under which all of it is seen there, radians.
     pub half_width: f64,
+    /// Its upper and lower edge are in the picture.
+    pub is_high_enough: bool,
     /// The bearings of the parts that are in the picture and not hidden, each from right to left, ascending. Of a
     /// ray scan: of the columns that hit, which seldom reach both edges of the ball.
     pub visible: Vec<[f64; 2]>,
 }
 
 impl Sight {
-    /// Returns true if all of its width is in the picture and nothing hides any of it.
+    /// Returns true if all of it is in the picture and nothing hides any of its width.
     pub fn is_whole(&self) -> bool {
         let [right, left] = [
             self.bearing - self.half_width,
             self.bearing + self.half_width,
         ];
-        matches!(self.visible[..], [[a, b]] if a <= right && b >= left)
+        self.is_high_enough && matches!(self.visible[..], [[a, b]] if a <= right && b >= left)
     }
 
     /// Share of its width that is in the picture and not hidden, 0 to 1.
@@ -109,12 +112,12 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
         let lens = &camera.lens;
         let limit = lens.limit() - 1e-6;
         let clamped = |bearing: f64| lens.across(bearing.clamp(-limit, limit));
-        let vertical = ball.half_width.min(limit);
+        let row = |elevation: f64| lens.down(elevation.clamp(-limit, limit));
         let extent = Extent {
             left: clamped(ball.bearing + ball.half_width),
             right: clamped(ball.bearing - ball.half_width),
-            top: lens.down(vertical),
-            bottom: lens.down(-vertical),
+            top: row(ball.elevation + ball.half_height),
+            bottom: row(ball.elevation - ball.half_height),
         };
         view.patches.push(Patch {
             target: Some(*index),
@@ -163,9 +166,16 @@ pub(super) fn sight(
 
 struct Ball {
     place: Point2<f64>,
+    /// On the floor.
     distance: f64,
+    radius: f64,
+    /// Direction on the floor, radians left of the camera's heading.
+    azimuth: f64,
     bearing: f64,
     half_width: f64,
+    /// Angle of its row off the middle one.
+    elevation: f64,
+    half_height: f64,
 }
 
 impl Ball {
@@ -173,32 +183,55 @@ impl Ball {
     fn new(camera: &Camera, place: Point2<f64>, radius: f64) -> Option<Self> {
         let to = place - camera.place;
         let distance = to.norm();
+        let azimuth = wrapped(to.y.atan2(to.x) - camera.heading);
+        let seen = camera.mount.seen(azimuth, distance);
+        let (elevation, of_rows) = match camera.lens.projection() {
+            Projection::PinHole => (seen.z.atan2(seen.x), seen.xz().norm()),
+            Projection::EqualAngle => (seen.z.atan2(seen.xy().norm()), seen.norm()),
+        };
         let ball = Self {
             place,
             distance,
-            bearing: wrapped(to.y.atan2(to.x) - camera.heading),
-            half_width: half_width(distance, radius),
+            radius,
+            azimuth,
+            bearing: seen.y.atan2(seen.x),
+            half_width: half_width(seen.xy().norm(), radius),
+            elevation,
+            half_height: half_width(of_rows, radius),
         };
         let in_view = distance <= camera.range
-            && ball.bearing.abs() - ball.half_width < camera.lens.half_view();
+            && ball.bearing.abs() - ball.half_width < camera.lens.half_view()
+            && ball.elevation.abs() - ball.half_height < camera.lens.half_height();
         in_view.then_some(ball)
     }
 
     /// Shadows of obstacles, relative to the bearing.
     fn shadows(&self, world: &World, camera: &Camera) -> Vec<Shadow> {
         let mut shadows = Vec::new();
-        let radius = self.distance * self.half_width.sin();
         let ahead: Vector2<f64> = (self.place - camera.place) / self.distance;
-        for index in world.obstacles_near(camera.place, self.place, radius) {
+        let half_angle = half_width(self.distance, self.radius);
+        for index in world.obstacles_near(camera.place, self.place, self.radius) {
             world.obstacles[index].shadows(
                 camera.place,
                 ahead,
                 self.distance,
-                self.half_width,
+                half_angle,
                 &mut shadows,
             );
         }
-        shadows
+        if camera.mount == Mount::LEVEL {
+            return shadows;
+        }
+        // Their edges pass through the ball's plane where the ball is.
+        let in_picture = |side: f64| {
+            let seen = camera.mount.seen(self.azimuth + side, self.distance);
+            wrapped(seen.y.atan2(seen.x) - self.bearing)
+        };
+        let turned = shadows.into_iter().map(|shadow| {
+            let [a, b] = shadow.map(in_picture);
+            [a.min(b), a.max(b)]
+        });
+        turned.collect()
     }
 
     fn seen(&self, camera: &Camera, shadows: Vec<Shadow>) -> Option<Sight> {
@@ -216,6 +249,7 @@ impl Ball {
             distance: self.distance,
             bearing: self.bearing,
             half_width: self.half_width,
+            is_high_enough: self.elevation.abs() + self.half_height <= camera.lens.half_height(),
             visible,
         })
     }

@@ -154,6 +154,7 @@ fn every_parameter_arrives() {
         lens_sigma: LensSigma {
             focal: 0.03,
             principal_deg: 1.0,
+            tilt_deg: 1.5,
         },
         survey_sigma: SurveySigma {
             baseline: 0.02,

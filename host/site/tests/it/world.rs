@@ -8,8 +8,8 @@ use nalgebra::{Point2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use site::world::{
-    Camera, Event, Gait, Obstacle, SensorErrors, StepSensor, Stride, Target, Time, Variant, Walker,
-    World,
+    Camera, Event, Gait, Mount, Obstacle, SensorErrors, StepSensor, Stride, Target, Time, Variant,
+    Walker, World,
 };
 
 const SECOND: Time = 1_000_000_000;
@@ -30,6 +30,7 @@ fn camera(x: f64, y: f64, degrees: f64, variant: Variant) -> Camera {
     Camera {
         place: p(x, y),
         heading: degrees.to_radians(),
+        mount: Mount::LEVEL,
         lens: Lens::with_projection(projection, 60_f64.to_radians(), 88, 143).unwrap(),
         range: 8.0,
         variant,

@@ -241,7 +241,7 @@ impl fmt::Display for ConfigError {
             Self::StillAfter => "still-after-ms must be 100 to 60000",
             Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
             Self::StandingSigma => "standing-sigma must be 0 to 1000",
-            Self::LensSigma => "lens-sigma: focal must be 0 to 0.5, principal-deg 0 to 20",
+            Self::LensSigma => "lens-sigma: focal must be 0 to 0.5, principal-deg and tilt-deg 0 to 20",
             Self::SurveySigma => "survey-sigma: baseline must be 0 to 0.5, position 0 to 1000",
             Self::Unit => "metres-per-unit must be 0.0001 to 100000",
             Self::BallRadius => "ball-radius must be 0 to 1000, 0 if it is not known",
@@ -397,7 +397,9 @@ impl CameraConfig {
 
 impl LensSigma {
     fn is_usable(&self) -> bool {
-        (0.0..=0.5).contains(&self.focal) && (0.0..=20.0).contains(&self.principal_deg)
+        let degrees = [self.principal_deg, self.tilt_deg];
+        (0.0..=0.5).contains(&self.focal)
+            && degrees.iter().all(|sigma| (0.0..=20.0).contains(sigma))
     }
 }
 

@@ -282,6 +282,10 @@ fn targets() {
             Err(E::LensSigma)
         );
         assert_eq!(
+            with_target(|t| t.lens_sigma.tilt_deg = wrong),
+            Err(E::LensSigma)
+        );
+        assert_eq!(
             with_target(|t| t.survey_sigma.position = wrong),
             Err(E::SurveySigma)
         );

@@ -3,7 +3,7 @@
 //! | bytes | what |
 //! |---|---|
 //! | 0 to 3 | magic: `CNod` |
-//! | 4, 5 | version of the body, little-endian; 9 |
+//! | 4, 5 | version of the body, little-endian; 10 |
 //! | 6, 7 | length n of the body, little-endian |
 //! | 8 to 7 + n | body: the [`Config`] in postcard's format |
 //! | 8 + n to 11 + n | CRC-32 (ISO-HDLC, that of Ethernet and zip) of all bytes before, little-endian |
@@ -22,7 +22,7 @@ use super::{CheckedConfig, Config, ConfigError};
 pub const PAGE_MAX: usize = 512;
 
 /// The version of the body.
-pub const VERSION: u16 = 9;
+pub const VERSION: u16 = 10;
 
 const MAGIC: [u8; 4] = *b"CNod";
 const HEADER: usize = 8;

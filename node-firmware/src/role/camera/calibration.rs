@@ -3,10 +3,11 @@
 use calib_core::{
     Limits, Pose, Refusal, Sighting, angle,
     dead_reckoning::{Place, correlate},
+    level::{self, Levelness, Row},
     resection::{self, Solution},
 };
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::kept::{Kept, OfStop};
 use crate::{
@@ -123,24 +124,51 @@ impl Calibration {
                 covariance += moved * moved.transpose();
             }
         }
+        let tolerance = lens_sigma.tolerance(common.place.parts().standing_sigma);
+        let rows = self.rows(common, dropped);
+        let found = level::test(&pose, &rows, &tolerance);
+        covariance += found.map_or_else(Matrix3::zeros, |found| found.widen());
+        let tilt = { found.filter(Levelness::is_refused) }
+            .and_then(|_| level::mounting(&pose, &rows, &tolerance));
         let parts = PoseParts::from(Pose { covariance, ..pose });
         // Unbelievable numbers are not told.
         if !(parts.is_usable() && solution.chi_squared.is_finite()) {
             return Err(Refusal::Undetermined);
         }
-        let state = match CameraState::judged(parts, &fit, limits) {
-            CameraState::Calibrated(_) | CameraState::Weak(_)
+        let state = match (tilt, CameraState::judged(parts, &fit, limits)) {
+            (Some(tilt), _) => CameraState::Tilted(parts, tilt.into()),
+            (None, CameraState::Calibrated(_) | CameraState::Weak(_))
                 if self.allow_another_place(common, dropped, &solution.pose, parts) =>
             {
                 CameraState::Doubtful(parts)
             }
-            state => state.supported(solution.used, self.kept.len(), false),
+            (None, state) => state.supported(solution.used, self.kept.len(), false),
         };
         Ok(Answer {
             state,
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
+    }
+
+    /// The rows of the sightings that count.
+    fn rows<'a>(
+        &'a self,
+        common: &'a KeptSighting,
+        dropped: &'a [bool],
+    ) -> impl Iterator<Item = Row<f32>> + Clone + use<'a> {
+        let used = self.kept.iter().zip(dropped);
+        used.filter(|(_, dropped)| !**dropped)
+            .filter_map(move |(kept, _)| {
+                let sighting = sighting(kept, common);
+                Some(Row {
+                    target: sighting.target,
+                    target_variance: sighting.target_covariance.trace() * 0.5,
+                    bearing: kept.seen.bearing,
+                    elevation: kept.seen.elevation.radians()?,
+                    sigma: kept.seen.sigma,
+                })
+            })
     }
 
     /// By how much the pose moves where the lens's tangents are larger by this share, and by this much.

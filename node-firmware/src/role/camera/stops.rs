@@ -329,7 +329,8 @@ impl CameraRole {
         let other_lens = self.calibration.with_other_lens(&self.config.lens);
         if report.joint.is_some() {
             // The result of all measurements is not replaced by that of some of them.
-            if let Some(state) = other_lens {
+            // A camera that is tilted may fit another lens.
+            if let Some(state) = other_lens.filter(|_| report.state.tilt().is_none()) {
                 self.update(
                     now,
                     Report {
@@ -344,7 +345,8 @@ impl CameraRole {
         let answer = self
             .calibration
             .solve(&self.config.weak.limits(), &self.config.lens_sigma);
-        let state = other_lens.unwrap_or(answer.state);
+        let state =
+            { other_lens.filter(|_| answer.state.tilt().is_none()) }.unwrap_or(answer.state);
         let count = self.calibration.count();
         self.update(
             now,

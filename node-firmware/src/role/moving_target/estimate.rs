@@ -13,6 +13,7 @@ use calib_core::{
         BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
         JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, is_consensus,
     },
+    level::{Levelness, Tolerance},
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
@@ -151,6 +152,8 @@ pub(super) struct Estimate<'m> {
     /// Direction of the sensor's x axis in the frame of the site before anything is estimated, and
     /// its sigma.
     sensor: Option<(f32, f32)>,
+    /// Tolerance of the test whether cameras are level.
+    tolerance: Tolerance<f32>,
     /// There is something that the last solve did not have.
     pub(super) is_new: bool,
 }
@@ -182,6 +185,10 @@ impl<'m> Estimate<'m> {
             rejected: None,
             failed: heapless::Vec::new(),
             sensor: None,
+            tolerance: Tolerance {
+                tilt: 0.0,
+                bob: 0.0,
+            },
             is_new: false,
         })
     }
@@ -222,7 +229,8 @@ impl<'m> Estimate<'m> {
         };
         let added = self
             .estimator
-            .add_bearing(stop, camera, seen.bearing, seen.sigma);
+            .add_bearing(stop, camera, seen.bearing, seen.sigma)
+            .and_then(|()| self.estimator.add_elevation(seen.elevation));
         self.is_new |= added.is_ok();
         // Ranges leave room for bearings, which are worth more.
         if let Some((range, sigma)) = seen.range(radius)
@@ -419,6 +427,7 @@ impl<'m> Estimate<'m> {
         let Some((scale, compass)) = self.priors(&frame, config) else {
             return;
         };
+        self.tolerance = config.lens_sigma.tolerance(config.standing_sigma);
         let [focal, principal] = config.lens_sigma.of_tangent();
         let settings = JointSettings {
             scale,
@@ -579,11 +588,16 @@ impl<'m> Estimate<'m> {
             debug!("a reference is not where it was");
             self.rejected = Some(worst.address);
         }
+        // References that are not level spoil the frame of all others.
+        let is_frame_tilted = (0..frame.references.len()).any(|reference| {
+            let found = self.levelness(reference, solution);
+            found.is_some_and(|found| found.is_refused())
+        });
         let again = core::mem::take(&mut self.again);
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
-            let Some(mut report) = self.report(camera, &frame, solution) else {
+            let Some(mut report) = self.report(camera, &frame, solution, is_frame_tilted) else {
                 continue;
             };
             if !is_believed {
@@ -679,6 +693,16 @@ impl<'m> Estimate<'m> {
         votes
     }
 
+    /// The test of a camera's rows.
+    fn levelness(
+        &mut self,
+        camera: usize,
+        solution: &JointSolution<f32>,
+    ) -> Option<Levelness<f32>> {
+        let inflation = solution.fit.inflation();
+        (self.estimator).levelness(camera, &self.tolerance, inflation)
+    }
+
     /// Report for a camera. A moved camera is at its new place; before that place is known, its former pose
     /// is doubtful.
     // for less stack
@@ -688,6 +712,7 @@ impl<'m> Estimate<'m> {
         camera: usize,
         frame: &Frame,
         solution: &JointSolution<f32>,
+        is_frame_tilted: bool,
     ) -> Option<Report> {
         let known = *self
             .cameras
@@ -702,18 +727,21 @@ impl<'m> Estimate<'m> {
             Some(moved) => moved,
             None => (camera, self.estimator.pose(camera).ok()?),
         };
+        let found = self.levelness(camera, solution);
+        let widened = found.map_or_else(Matrix3::zeros, |found| found.widen());
         let protection = self.estimator.protection(camera).map(|levels| {
             let level = ProtectionLevel::from(levels);
-            let place = frame.covariance(pose.position).trace();
+            let place = frame.covariance(pose.position).trace() + widened.m11 + widened.m22;
             ProtectionLevel {
                 position: level.position + RARE as f32 * root(place),
-                heading: level.heading + RARE as f32 * root(frame.turned()),
+                heading: level.heading + RARE as f32 * root(frame.turned() + widened.m33),
             }
         });
         let mut in_site = frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
             ..pose
         });
+        in_site.covariance += widened;
         // The place of a reference is the one that it was given: nothing is estimated of it.
         if camera < frame.references.len() && frame.is_given() {
             let turned = in_site.covariance.m33;
@@ -726,7 +754,11 @@ impl<'m> Estimate<'m> {
         let is_outvoted = !is_consensus(count, came, true);
         let is_doubtful =
             is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
-        let state = if solution.fit.is_bad() || is_doubtful {
+        let tilt = { found.filter(Levelness::is_refused) }
+            .and_then(|_| self.estimator.mounting(camera, &self.tolerance));
+        let state = if let Some(tilt) = tilt {
+            CameraState::Tilted(parts, tilt.into())
+        } else if solution.fit.is_bad() || is_doubtful || is_frame_tilted {
             CameraState::Doubtful(parts)
         } else {
             CameraState::Weak(parts)

@@ -24,7 +24,7 @@
 
 use core::fmt;
 
-use calib_core::{Real, camera::Camera};
+use calib_core::{Real, camera::Camera, level::Elevation};
 use heapless::{Deque, Vec};
 use nalgebra::ComplexField;
 
@@ -90,6 +90,8 @@ pub struct Steady {
     pub left: f32,
     /// Median of its right edges, column.
     pub right: f32,
+    /// Its upper and lower edge above the middle row, in columns' widths, if they are known.
+    pub above: Option<[f32; 2]>,
     /// Standard deviation of the middle between them, columns.
     pub column_sigma: f32,
     /// Frames with it.
@@ -250,9 +252,19 @@ impl<const N: usize> Steadiness<N> {
         };
         let doubt = self.doubt(&outline)?;
         let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
+        let edges = || whole().map(above);
+        let above = edges().all(|edges| edges.is_some()).then(|| {
+            [0, 1].map(|n| {
+                let edge = edges()
+                    .flatten()
+                    .map(|edges| edges.get(n).copied().unwrap_or_default());
+                median(&edge.collect::<Vec<f32, N>>())
+            })
+        });
         Ok(Steady {
             left,
             right,
+            above,
             column_sigma: ComplexField::sqrt(variance),
             frames: middles.len() as u16,
             pixels: median(&values(|blob| f32::from(blob.pixels))) as u8,
@@ -283,6 +295,7 @@ impl<const N: usize> Steadiness<N> {
         let steady = Steady {
             left: blob.left,
             right: blob.right,
+            above: above(blob),
             column_sigma: ComplexField::sqrt(ROUNDING * unit * unit + doubt * doubt),
             frames: 1,
             pixels: blob.pixels,
@@ -343,7 +356,14 @@ impl Steady {
     pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
         let (bearing, sigma) = self.bearing(camera, floor);
         let width = camera.bearing(self.left) - camera.bearing(self.right);
-        Seen::direction(bearing, sigma).wide(width * 0.5)
+        let seen = Seen::direction(bearing, sigma).wide(width * 0.5);
+        match self.above {
+            Some([top, bottom]) => {
+                let row = (camera.angle(top) + camera.angle(bottom)) * 0.5;
+                seen.above(Elevation::from_radians(camera.elevation(bearing, row)))
+            }
+            None => seen,
+        }
     }
 
     /// The same in any precision: the mean of the angles of its edges from the optical axis, radians,
@@ -374,6 +394,12 @@ impl fmt::Display for Steady {
             self.confidence
         )
     }
+}
+
+/// The upper and lower edge of a blob above the middle row, columns' widths.
+fn above(blob: &Blob) -> Option<[f32; 2]> {
+    let rows = blob.whole_rows()?;
+    Some([blob.top, blob.bottom].map(|row| rows.above_middle(row)))
 }
 
 /// Returns an error if most middles are far apart, or the later ones are elsewhere than the earlier ones.

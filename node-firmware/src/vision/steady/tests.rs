@@ -311,6 +311,7 @@ fn the_mean_of_angles_is_the_middle_of_a_ball() {
     let (bearing, radius) = (0.4_f64, 0.08);
     let column = |angle: f64| 43.5 - 43.5 / 30_f64.to_radians().tan() * angle.tan();
     let steady = Steady {
+        above: None,
         left: column(bearing + radius) as f32,
         right: column(bearing - radius) as f32,
         column_sigma: 0.2,

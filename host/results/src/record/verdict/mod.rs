@@ -14,7 +14,7 @@ use nalgebra::{Isometry2, Point2};
 use node_firmware::message::{Eye, Health};
 
 use super::{
-    Node, NodeLens, Protection, Role, RunRecord, checks,
+    Node, NodeLens, NodeTilt, Protection, Role, RunRecord, checks,
     next_stop::{Proposed, Wish},
 };
 
@@ -120,6 +120,8 @@ pub enum Trouble {
     },
     /// Its sightings contradict the configured lens, and fit this one.
     OtherLens(NodeLens),
+    /// It is not level: its rows tell how it hangs.
+    Tilted(NodeTilt),
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -191,6 +193,8 @@ pub enum Common {
     Misfit(f64),
     /// This reference camera of a network in which no camera has a pose is not there: no other gets one.
     Reference(u16),
+    /// This reference camera is not level, and all poses of its network hang on it.
+    TiltedReference(u16),
     /// No pose of this network is checked: no target estimated its cameras together.
     Unchecked(u16),
     /// The same of one that has no references: a target brought its frame from another network.
@@ -290,6 +294,10 @@ impl Verdict {
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
         common.extend(networks.missing(record).map(Common::Reference));
+        let tilted = record
+            .cameras()
+            .filter(|camera| camera.reference && camera.tilt.is_some());
+        common.extend(tilted.map(|camera| Common::TiltedReference(camera.id)));
         let (mut to_check, mut instead) = (Vec::new(), Vec::new());
         for network in record.networks.iter().map(|network| network.network) {
             let Unchecked {
@@ -497,6 +505,9 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
     };
     let sigma_position = estimate.sigma_position();
     match camera.status {
+        Some(Status::Doubtful) if let Some(tilt) = camera.tilt => {
+            troubles.push(Trouble::Tilted(tilt));
+        }
         Some(Status::Doubtful) if let Some(lens) = camera.lens => {
             troubles.push(Trouble::OtherLens(lens));
         }
@@ -658,7 +669,7 @@ impl Trouble {
 impl Common {
     /// Returns true of a cause that has to be mended before anything else helps.
     fn comes_first(&self) -> bool {
-        matches!(self, Self::Lens(_))
+        matches!(self, Self::Lens(_) | Self::TiltedReference(_))
     }
 }
 

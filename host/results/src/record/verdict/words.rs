@@ -5,6 +5,8 @@ use std::{collections::BTreeMap, fmt};
 use calib_core::{Refusal, Status, camera::Projection};
 use node_firmware::message::{Eye, Health, Memory, Restart};
 
+use crate::record::NodeTilt;
+
 use super::{
     Cause, Common, Failing, Finding, Gain, Gained, InView, Instead, NextStop, Protection, Role,
     Trouble, Verdict, Weakness,
@@ -184,6 +186,15 @@ impl Finding {
                      of {:.1} deg does; correct `field_of_view_deg` or `projection` if that is its lens, and \
                      look at its lens if not",
                     lens.fov_deg
+                )
+            }
+            Trouble::Tilted(NodeTilt { pitch_deg, height }) => {
+                let down = if *pitch_deg < 0.0 { "up" } else { "down" };
+                write!(
+                    f,
+                    "not calibrated: not level: its rows fit a camera {height:.1} {unit} above the ball that looks \
+                     {down} by {:.0} deg; level it",
+                    pitch_deg.abs()
                 )
             }
             Trouble::Weak {
@@ -472,6 +483,10 @@ impl Verdict {
                 "Reference camera {camera} is not there, and without both references no camera of its \
                  network gets a pose: see below what is the matter with it, or put another board or camera \
                  in its place, with the same configuration."
+            ),
+            Common::TiltedReference(camera) => format!(
+                "Reference camera {camera} is not level, and all poses of its network hang on it. Level it first: no \
+                 further stop helps before."
             ),
             Common::UncheckedGuests(first) => {
                 let is_meant = |common: &Common| match common {

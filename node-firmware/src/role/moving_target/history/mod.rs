@@ -199,6 +199,7 @@ impl Estimate<'_> {
             quantity: measured.quantity,
             value: measured.value,
             sigma: measured.sigma,
+            elevation: measured.elevation,
         })
     }
 
@@ -266,7 +267,10 @@ impl Estimate<'_> {
         let camera = self.number(bearing.camera).filter(|_| !is_known)?;
         let (value, sigma) = (bearing.value, bearing.sigma);
         let added = match bearing.quantity {
-            Quantity::Bearing => self.estimator.add_bearing(stop, camera, value, sigma),
+            Quantity::Bearing => {
+                let added = self.estimator.add_bearing(stop, camera, value, sigma);
+                added.and_then(|()| self.estimator.add_elevation(bearing.elevation))
+            }
             Quantity::Range => self.estimator.add_range(stop, camera, value, sigma),
         };
         self.is_new |= added.is_ok();
