@@ -1,4 +1,4 @@
-//! Test of the assumption that a camera is level, by the rows in which it sees the target.
+//! Cameras that are not level: their mounting, by the rows in which they see the target.
 //!
 //! All else in the plane assumes that cameras are level. At three stops no test of columns can see that one is
 //! not: a camera of pitch `p`, roll `r` and height `h` sees the plane of the ball exactly as a level one that
@@ -6,24 +6,30 @@
 //! above the ball sees it at `b = -h u`, where `b` is the tangent of the row and `u` one over the distance along
 //! the optical axis.
 //!
-//! # The test
-//! Rows are fitted with a height of which nothing is known, a pitch and a roll within the tolerance of whoever
-//! put the camera up, and the error of the pose in the plane:
+//! # The fit
+//! Directions are turned [upright](Mounting::upright) by the pitch and roll that are believed so far. The rows that
+//! come out are fitted with a height of which nothing is known, what is left of pitch and roll, and the error of the
+//! pose in the plane:
 //!
 //! ```text
-//! b = -h u + p (1 + b^2) + r a + h (du/dx dx + du/dy dy + du/dw dw) + noise
+//! b = -h u + p (1 + b^2) - r a - h (du/dx dx + du/dy dy + du/dw dw) + noise
 //! ```
 //!
-//! with `a` the tangent of the column. Noise is that of the picture, of a ball that bobs, and of the place of the
-//! stop. What is left is chi squared with one degree of freedom less than there are rows.
+//! with `a` the tangent of the column. The pose moves with pitch and roll, and its own error is another one. Noise is
+//! that of the picture, of a ball that bobs, and of the place of the stop. Chi squared of what is left tells whether
+//! the rows fit.
 //!
-//! Of a camera that passes, `h` tells how much a tilt within the tolerance may move its pose: [`Levelness::widen`].
+//! # Level, until rows say otherwise
+//! A camera is taken for level as long as its rows fit a pitch and a roll within the tolerance of whoever put it up.
+//! Then nothing of it is estimated, and `h` tells how much a tilt within the tolerance may move its pose. If they do not
+//! fit, its pitch is whatever the rows say; its roll stays one of a bracket. The errors of both are in the covariance
+//! that [`Levelness::widening`] adds to that of the pose.
 
-use nalgebra::{Matrix3, Point2, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, Point2, SMatrix, SVector, Vector3};
 
 use crate::{
     Pose, Real,
-    fit::Fit,
+    fit::{Fit, one_in_a_thousand},
     numerics::{
         cholesky::Cholesky,
         matrix::{add_outer, dot},
@@ -42,6 +48,13 @@ const ANY_PITCH: f64 = 1.0;
 const ANY_HEIGHT: f64 = 4.0;
 /// Share of the tolerance by which a tilt turns the heading.
 const TURN: f64 = 0.25;
+/// A pitch beyond this is not believed, radians: 60 degrees. Such fits are mostly those of another pose.
+const STEEPEST: f64 = 1.047;
+/// Share of the chi squared of one in a thousand up to which a camera is taken for level. A level one whose pitch is
+/// found from its rows loses little.
+const AS_LEVEL: f64 = 0.5;
+/// Changes of pitch and roll that are none, radians: a hundredth of what a bracket is off.
+const SETTLED: f64 = 3e-4;
 
 /// Direction of a target above a camera's own horizontal plane, in tenths of a milliradian, if it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,106 +115,316 @@ pub struct Tolerance<T> {
     pub bob: T,
 }
 
-/// Result of the test.
+/// Pitch and roll of a camera, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Levelness<T> {
-    /// Agreement of the rows with a level camera. Bad: it is not level.
-    pub fit: Fit<T>,
-    /// Height of a level camera above the ball that fits best, and its variance.
-    pub height: T,
-    /// Variance of that height.
-    pub height_variance: T,
-    /// Standard deviation of the tilt that was allowed, radians.
-    pub tilt_sigma: T,
-}
-
-/// A mounting that the rows tell, whatever it is. For people: the pose that it is told with is wrong by it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Mounting<T> {
+    /// Angle of the optical axis below the horizon.
+    pub pitch: T,
+    /// Turn about the optical axis, positive where the left side is high.
+    pub roll: T,
+}
+
+/// A direction turned upright: that of a level camera with the same heading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Upright<T> {
+    /// Along the heading, left of it, and up.
+    pub ahead: T,
+    /// Left of the heading.
+    pub left: T,
+    /// Above the horizon.
+    pub up: T,
+}
+
+impl<T: Real> Upright<T> {
+    /// Direction on the floor, radians left of the heading.
+    pub fn azimuth(&self) -> T {
+        self.left.atan2(self.ahead)
+    }
+
+    /// Change of the azimuth where the direction changes by this.
+    pub(crate) fn turn(&self, change: &Self) -> T {
+        let length2 = self.ahead * self.ahead + self.left * self.left;
+        (self.ahead * change.left - self.left * change.ahead) / length2
+    }
+}
+
+impl<T: Real> Mounting<T> {
+    /// Level and upright.
+    pub fn level() -> Self {
+        Self {
+            pitch: T::zero(),
+            roll: T::zero(),
+        }
+    }
+
+    /// Returns true if it is exactly level.
+    pub fn is_level(&self) -> bool {
+        self.pitch == T::zero() && self.roll == T::zero()
+    }
+
+    /// A direction in the camera's axes, forward, left and up, turned upright.
+    pub fn upright(&self, forward: T, left: T, up: T) -> Upright<T> {
+        let (sp, cp) = self.pitch.sine_cosine();
+        let (sr, cr) = self.roll.sine_cosine();
+        let over = left * sr + up * cr;
+        Upright {
+            ahead: forward * cp + over * sp,
+            left: left * cr - up * sr,
+            up: over * cp - forward * sp,
+        }
+    }
+
+    /// The same of what is seen at a bearing and an elevation, radians.
+    pub fn seen(&self, bearing: T, elevation: T) -> Upright<T> {
+        let (left, forward) = bearing.sine_cosine();
+        let (up, level) = elevation.sine_cosine();
+        self.upright(forward * level, left * level, up)
+    }
+
+    /// Change of the azimuth with the elevation.
+    pub fn by_elevation(&self, bearing: T, elevation: T) -> T {
+        let above = self.seen(bearing, elevation + T::frac_pi_2());
+        self.seen(bearing, elevation).turn(&above)
+    }
+
+    /// Changes of an upright direction with pitch and roll.
+    fn by_angles(&self, seen: &Upright<T>) -> [Upright<T>; 2] {
+        let (sp, cp) = self.pitch.sine_cosine();
+        // The height over the camera's own forward and left, before the pitch was taken away.
+        let over = seen.up * cp + seen.ahead * sp;
+        let zero = T::zero();
+        [
+            Upright {
+                ahead: seen.up,
+                left: zero,
+                up: -seen.ahead,
+            },
+            Upright {
+                ahead: seen.left * sp,
+                left: -over,
+                up: seen.left * cp,
+            },
+        ]
+    }
+}
+
+/// The mounting that rows tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Levelness<T: Real> {
+    /// Agreement of the rows: with a level camera, or with any one if this one is not level.
+    pub fit: Fit<T>,
     /// Height above the ball.
     pub height: T,
-    /// Angle of the optical axis below the horizon, radians.
-    pub pitch: T,
-}
-
-/// Tests whether a camera with this pose is level. `None` where nothing is to be tested: without a tolerance or rows,
-/// and where numbers are not finite.
-pub fn test<T: Real>(
-    pose: &Pose<T>,
-    rows: &(impl Iterator<Item = Row<T>> + Clone),
-    tolerance: &Tolerance<T>,
-) -> Option<Levelness<T>> {
-    let mut found = Fitted::default();
-    for _ in 0..ROUNDS {
-        found = fitted(pose, rows.clone(), tolerance, tolerance.tilt, found.height)?;
-    }
-    Some(Levelness {
-        fit: Fit {
-            chi_squared: found.chi_squared,
-            degrees_of_freedom: found.rows.checked_sub(1)?,
-        },
-        height: found.height,
-        height_variance: found.height_variance,
-        tilt_sigma: tolerance.tilt,
-    })
-    .filter(|found| (found.fit.chi_squared + found.height_variance).is_finite())
-}
-
-/// The mounting that rows tell of a camera that is not level.
-pub fn mounting<T: Real>(
-    pose: &Pose<T>,
-    rows: &(impl Iterator<Item = Row<T>> + Clone),
-    tolerance: &Tolerance<T>,
-) -> Option<Mounting<T>> {
-    let mut found = Fitted::default();
-    for _ in 0..ROUNDS {
-        found = fitted(pose, rows.clone(), tolerance, lit(ANY_PITCH), found.height)?;
-    }
-    Some(Mounting {
-        height: found.height,
-        pitch: found.pitch,
-    })
-    .filter(|found| (found.height + found.pitch).is_finite())
+    /// Pitch and roll: none of a level camera.
+    pub mounting: Mounting<T>,
+    /// What pitch and roll that are not known exactly add to the covariance of (x, y, heading).
+    pub widening: Matrix3<T>,
+    /// Variance by them of a place that was given instead, along the heading: all others are off by as much.
+    pub shift_variance: T,
 }
 
 impl<T: Real> Levelness<T> {
-    /// Returns true if the camera is not level: one in a thousand level ones is told so by chance.
+    /// Returns true if the rows contradict it, or do not tell it. One in a thousand right ones is refused by chance.
     pub fn is_refused(&self) -> bool {
-        self.fit.degrees_of_freedom > 0 && self.fit.is_bad()
-    }
-
-    /// Covariance of (x, y, heading) by a tilt within the tolerance: at a height above the ball it moves the pose.
-    pub fn widen(&self) -> Matrix3<T> {
-        let tilt = self.tilt_sigma * self.tilt_sigma;
-        let place = (self.height * self.height + self.height_variance) * tilt;
-        let turn = tilt * lit(TURN * TURN);
-        Matrix3::from_diagonal(&[place, place, turn].into())
+        let Fit {
+            chi_squared,
+            degrees_of_freedom,
+        } = self.fit;
+        if self.mounting.is_level() {
+            // Rows that fit less well tell a pitch.
+            return degrees_of_freedom > 0 && !(chi_squared <= most_as_level(degrees_of_freedom));
+        }
+        degrees_of_freedom == 0 || self.fit.is_bad() || self.mounting.pitch.abs() >= lit(STEEPEST)
     }
 }
 
+/// Chi squared of rows up to which a camera is taken for level.
+fn most_as_level<T: Real>(degrees_of_freedom: usize) -> T {
+    one_in_a_thousand::<T>(degrees_of_freedom) * lit(AS_LEVEL)
+}
+
+/// Judges a pose in the plane that was found with this mounting. `None` where nothing is to be tested: without a
+/// tolerance or rows, and where numbers are not finite.
+pub fn judge<T: Real>(
+    pose: &Pose<T>,
+    rows: &(impl Iterator<Item = Row<T>> + Clone),
+    mounting: Mounting<T>,
+    tolerance: &Tolerance<T>,
+) -> Option<Levelness<T>> {
+    let is_level = mounting.is_level();
+    let free = if is_level {
+        tolerance.tilt
+    } else {
+        lit(ANY_PITCH)
+    };
+    let found = settled(pose, rows, mounting, tolerance, free)?;
+    let degrees_of_freedom = found.rows.checked_sub(if is_level { 1 } else { 2 })?;
+    let height2 = found.height * found.height;
+    let (widening, shift_variance) = if is_level {
+        let tilt = tolerance.tilt * tolerance.tilt;
+        let place = (height2 + found.height_variance) * tilt;
+        let turn = tilt * lit(TURN * TURN);
+        (Matrix3::from_diagonal(&[place, place, turn].into()), place)
+    } else {
+        let moves = Matrix3x2::from_columns(&found.moves);
+        let (_, cosine) = mounting.pitch.sine_cosine();
+        let shift = (cosine * cosine).recip();
+        (
+            moves * found.covariance * moves.transpose(),
+            height2 * shift * shift * found.covariance.m11,
+        )
+    };
+    Some(Levelness {
+        fit: Fit {
+            chi_squared: found.chi_squared,
+            degrees_of_freedom,
+        },
+        height: found.height,
+        mounting,
+        widening,
+        shift_variance,
+    })
+    .filter(|found| (found.fit.chi_squared + found.widening.sum()).is_finite())
+}
+
+/// A better mounting for the next solution in the plane; `None` if this one stays.
+pub fn improved<T: Real>(
+    pose: &Pose<T>,
+    rows: &(impl Iterator<Item = Row<T>> + Clone),
+    mounting: Mounting<T>,
+    tolerance: &Tolerance<T>,
+) -> Option<Mounting<T>> {
+    let as_level = settled(pose, rows, mounting, tolerance, tolerance.tilt)?;
+    let most = most_as_level(as_level.rows.checked_sub(1)?);
+    if as_level.rows < FEWEST || as_level.chi_squared <= most {
+        return (!mounting.is_level()).then(Mounting::level);
+    }
+    let found = settled(pose, rows, mounting, tolerance, lit(ANY_PITCH))?;
+    let [pitch, roll] = [mounting.pitch + found.pitch, mounting.roll + found.roll];
+    let is_change = found.pitch.abs().max(found.roll.abs()) > lit(SETTLED);
+    let steepest = lit::<T>(STEEPEST);
+    (is_change && (pitch + roll).is_finite()).then(|| Mounting {
+        pitch: pitch.max(-steepest).min(steepest),
+        roll,
+    })
+}
+
+/// Rows that tell a pitch.
+const FEWEST: usize = 3;
+
 /// Result of one fit.
 #[derive(Clone, Copy)]
-struct Fitted<T> {
+struct Fitted<T: Real> {
     rows: usize,
     chi_squared: T,
     height: T,
     height_variance: T,
+    /// What is left of both.
     pitch: T,
+    roll: T,
+    /// Of pitch and roll.
+    covariance: Matrix2<T>,
+    /// Movement of (x, y, heading) with them.
+    moves: [Vector3<T>; 2],
 }
 
-impl<T: Real> Default for Fitted<T> {
-    fn default() -> Self {
-        let zero = T::zero();
-        Self {
-            rows: 0,
-            chi_squared: zero,
-            height: zero,
-            height_variance: zero,
-            pitch: zero,
+/// The fit at the height that it finds.
+fn settled<T: Real>(
+    pose: &Pose<T>,
+    rows: &(impl Iterator<Item = Row<T>> + Clone),
+    mounting: Mounting<T>,
+    tolerance: &Tolerance<T>,
+    pitch_sigma: T,
+) -> Option<Fitted<T>> {
+    if !(tolerance.tilt > T::zero()) {
+        return None;
+    }
+    let moves = moves(pose, rows.clone(), mounting)?;
+    let mut height = T::zero();
+    for _ in 1..ROUNDS {
+        let all = (tolerance, pitch_sigma, height);
+        height = fitted(pose, rows.clone(), mounting, moves, all)?.height;
+    }
+    fitted(
+        pose,
+        rows.clone(),
+        mounting,
+        moves,
+        (tolerance, pitch_sigma, height),
+    )
+}
+
+/// A row as a level camera at this pose would have it.
+struct Seen<T: Real> {
+    /// Over the distance along the heading.
+    u: T,
+    /// Derivative of `u` by (x, y, heading).
+    by_pose: Vector3<T>,
+    upright: Upright<T>,
+    row: Row<T>,
+}
+
+/// `None` of what is not before the camera.
+fn seen<T: Real>(pose: &Pose<T>, row: Row<T>, mounting: Mounting<T>) -> Option<Seen<T>> {
+    let ahead = plane::unit(pose.heading);
+    let own = plane::mul_conj(row.target - pose.position, ahead);
+    let upright = mounting.seen(row.bearing, row.elevation);
+    let is_before = own.x > T::zero() && upright.ahead > T::zero();
+    let u = own.x.recip();
+    let by_pose = Vector3::new(ahead.x, ahead.y, -own.y) * (u * u);
+    is_before.then_some(Seen {
+        u,
+        by_pose,
+        upright,
+        row,
+    })
+}
+
+/// Movement of the pose with pitch and roll, while the stops stay where they are. Nothing moves where too few rows tell.
+#[inline(never)] // for less stack
+fn moves<T: Real>(
+    pose: &Pose<T>,
+    rows: impl Iterator<Item = Row<T>>,
+    mounting: Mounting<T>,
+) -> Option<[Vector3<T>; 2]> {
+    let mut normal = Matrix3::<T>::zeros();
+    let mut right = [Vector3::<T>::zeros(); 2];
+    let mut count = 0;
+    for seen in rows.filter_map(|row| seen(pose, row, mounting)) {
+        let to = seen.row.target - pose.position;
+        let range2 = plane::dot(to, to);
+        let across = plane::quarter_turn(to) / range2;
+        // The azimuth of the target less the heading is that of the upright direction.
+        let by_pose = Vector3::new(-across.x, -across.y, -T::one());
+        let weight = (seen.row.sigma * seen.row.sigma + seen.row.target_variance / range2).recip();
+        add_outer(normal.as_mut_slice(), by_pose.as_slice(), weight);
+        for (right, change) in right.iter_mut().zip(mounting.by_angles(&seen.upright)) {
+            *right += by_pose * (seen.upright.turn(&change) * weight);
+        }
+        count += 1;
+    }
+    if count < FEWEST {
+        return Some([Vector3::zeros(); 2]);
+    }
+    // What was given does not move.
+    for (i, variance) in pose.covariance.diagonal().iter().enumerate() {
+        if *variance == T::zero() {
+            normal.row_mut(i).fill(T::zero());
+            normal.column_mut(i).fill(T::zero());
+            if let Some(pivot) = normal.get_mut((i, i)) {
+                *pivot = T::one();
+            }
+            for right in right.iter_mut().filter_map(|right| right.get_mut(i)) {
+                *right = T::zero();
+            }
         }
     }
+    let factor = Cholesky::new(normal);
+    let moved = factor.map(|factor| right.map(|right| factor.solve(&right)));
+    Some(moved.unwrap_or([Vector3::zeros(); 2]))
 }
 
 /// Fits all unknowns, where errors of the pose count as at this height.
@@ -209,39 +432,40 @@ impl<T: Real> Default for Fitted<T> {
 fn fitted<T: Real>(
     pose: &Pose<T>,
     rows: impl Iterator<Item = Row<T>>,
-    tolerance: &Tolerance<T>,
-    pitch_sigma: T,
-    height: T,
+    mounting: Mounting<T>,
+    moves: [Vector3<T>; 2],
+    (tolerance, pitch_sigma, height): (&Tolerance<T>, T, T),
 ) -> Option<Fitted<T>> {
-    if !(tolerance.tilt > T::zero()) {
-        return None;
-    }
     let root = semi_definite_root(&pose.covariance);
-    let ahead = plane::unit(pose.heading);
     let (mut matrix, mut right) = (
         SMatrix::<T, UNKNOWNS, UNKNOWNS>::zeros(),
         SVector::<T, UNKNOWNS>::zeros(),
     );
     let (mut count, mut sum, mut farthest) = (0, T::zero(), T::zero());
-    for row in rows {
-        let own = plane::mul_conj(row.target - pose.position, ahead);
-        let (forward, left) = (own.x, own.y);
-        let (sine, cosine) = row.bearing.sine_cosine();
-        let (up, level) = row.elevation.sine_cosine();
-        let along = level * cosine;
-        if !(forward > T::zero() && along > T::zero()) {
-            continue;
-        }
-        let (u, a, b) = (forward.recip(), sine / cosine, up / along);
-        let (uu, q) = (u * u, T::one() + b * b);
-        // Movement of u with the pose.
-        let moved = Vector2::new(ahead.x, ahead.y) * uu;
-        let moved = SVector::<T, 3>::new(moved.x, moved.y, -left * uu);
-        let [x, y, turn] = root.map(|column| dot(&column, moved.as_slice()) * height);
-        let design = [-u, q, a, x, y, turn];
-        let of_place = height * uu;
+    for seen in rows.filter_map(|row| seen(pose, row, mounting)) {
+        let Seen {
+            u,
+            by_pose,
+            upright,
+            row,
+        } = seen;
+        let b = upright.up / upright.ahead;
+        let q = T::one() + b * b;
+        let by_angle = mounting
+            .by_angles(&upright)
+            .map(|change| (change.up - b * change.ahead) / upright.ahead);
+        // The row changes by the angle, and by the place that changes with it.
+        let [pitch, roll] = [0, 1].map(|n| {
+            let (by_angle, moved) = (by_angle.get(n), moves.get(n));
+            let moved =
+                moved.map_or_else(T::zero, |moved| dot(moved.as_slice(), by_pose.as_slice()));
+            -by_angle.copied().unwrap_or_else(T::zero) - moved * height
+        });
+        let [x, y, turn] = root.map(|column| -dot(&column, by_pose.as_slice()) * height);
+        let design = [-u, pitch, roll, x, y, turn];
+        let of_place = height * u * u;
         let variance = row.sigma * row.sigma * q * q
-            + tolerance.bob * tolerance.bob * uu
+            + tolerance.bob * tolerance.bob * u * u
             + of_place * of_place * row.target_variance;
         let weight = variance.recip();
         add_outer(matrix.as_mut_slice(), &design, weight);
@@ -249,31 +473,34 @@ fn fitted<T: Real>(
             *to += entry * b * weight;
         }
         sum += b * b * weight;
-        farthest = farthest.max(forward);
+        farthest = farthest.max(u.recip());
         count += 1;
     }
-    let any = farthest * lit(ANY_HEIGHT);
-    let sigmas = [any, pitch_sigma, tolerance.tilt];
-    for (i, pivot) in matrix
-        .as_mut_slice()
-        .iter_mut()
-        .step_by(UNKNOWNS + 1)
-        .enumerate()
-    {
-        *pivot += match sigmas.get(i) {
-            Some(sigma) => (*sigma * *sigma).recip(),
-            None => T::one(),
-        };
+    // What is believed beforehand: any height, and pitch and roll in all.
+    let zero = T::zero();
+    let sigmas = [farthest * lit(ANY_HEIGHT), pitch_sigma, tolerance.tilt];
+    let means = [zero, -mounting.pitch, -mounting.roll];
+    let pivots = matrix.as_mut_slice().iter_mut().step_by(UNKNOWNS + 1);
+    for (i, (pivot, right)) in pivots.zip(right.iter_mut()).enumerate() {
+        let sigma = sigmas.get(i).copied().unwrap_or_else(T::one);
+        let mean = means.get(i).copied().unwrap_or(zero);
+        let weight = (sigma * sigma).recip();
+        *pivot += weight;
+        *right += mean * weight;
+        sum += mean * mean * weight;
     }
     let factor = Cholesky::new(matrix).filter(|_| count > 0)?;
     let found = factor.solve(&right);
-    let first = factor.solve(&SVector::<T, UNKNOWNS>::x());
+    let inverse = factor.inverse();
     Some(Fitted {
         rows: count,
         chi_squared: at_least_zero(sum - dot(found.as_slice(), right.as_slice())),
         height: found.x,
-        height_variance: first.x,
+        height_variance: inverse.m11,
         pitch: found.y,
+        roll: found.z,
+        covariance: inverse.fixed_view::<2, 2>(1, 1).into_owned(),
+        moves,
     })
 }
 

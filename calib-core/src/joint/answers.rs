@@ -5,12 +5,12 @@ use nalgebra::{Matrix2, Point2, SMatrix};
 use super::{
     Carrier, Lens, ReferenceHeadings, StopPlace,
     covariance::{Block, pose_of},
-    problem::{HEADING, LENS, Problem, SCALE, STOPS, Standing, Stop, Unknown},
+    problem::{HEADING, LENS, Problem, SCALE, STOPS, Standing, Stop, Told, Unknown},
     residuals::UNCHECKED,
 };
 use crate::{
     Pose, Real, Refusal, angle,
-    level::{self, Levelness, Mounting, Row, Tolerance},
+    level::{self, Levelness},
     numerics::real::{lit, root},
 };
 
@@ -68,39 +68,37 @@ impl<T: Real> Problem<'_, T> {
         off * off.transpose()
     }
 
-    /// The rows of a camera, and its pose.
-    fn rows(&self, camera: usize) -> impl Iterator<Item = Row<T>> + Clone {
-        let standing = self.common.standing;
-        let counting = { self.own(camera) }.filter(|(_, sight)| sight.standing == Standing::Counts);
-        counting.filter_map(move |(_, sight)| {
-            Some(Row {
-                target: self.stops.get(usize::from(sight.stop))?.place,
-                target_variance: standing * standing,
-                bearing: sight.value,
-                elevation: sight.elevation.radians()?,
-                sigma: sight.sigma,
-            })
-        })
-    }
-
-    pub(super) fn levelness(
-        &mut self,
-        camera: usize,
-        tolerance: &Tolerance<T>,
-        inflation: T,
-    ) -> Option<Levelness<T>> {
+    /// The mounting of a camera, whose covariances are larger than told by `inflation`.
+    pub(super) fn levelness(&mut self, camera: usize, inflation: T) -> Option<Levelness<T>> {
         let mut pose = self.pose(camera).ok()?;
         pose.covariance *= inflation;
-        level::test(&pose, &self.rows(camera), tolerance)
+        let mounting = self.cameras.get(camera)?.mounting;
+        level::judge(&pose, &self.rows(camera), mounting, &self.tolerance())
     }
 
-    pub(super) fn mounting(
-        &mut self,
-        camera: usize,
-        tolerance: &Tolerance<T>,
-    ) -> Option<Mounting<T>> {
-        let pose = self.pose(camera).ok()?;
-        level::mounting(&pose, &self.rows(camera), tolerance)
+    /// Takes better mountings of all cameras that are not level. Returns true if there were any: all is to be solved again.
+    pub(super) fn improve_mountings(&mut self) -> bool {
+        let mut is_better = false;
+        if !(self.common.tilt > T::zero()) {
+            return false;
+        }
+        for camera in 0..self.cameras.len() {
+            let Ok(pose) = self.pose(camera) else {
+                continue;
+            };
+            let Some(mounting) = self.cameras.get(camera).map(|camera| camera.mounting) else {
+                continue;
+            };
+            let better = level::improved(&pose, &self.rows(camera), mounting, &self.tolerance());
+            if let (Some(better), Some(camera)) = (better, self.cameras.get_mut(camera)) {
+                camera.mounting = better;
+                is_better = true;
+            }
+        }
+        if is_better {
+            self.common.told = Told::Nothing;
+        }
+        is_better
     }
 
     /// Lens of a camera.

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     Limits, Pose, Real, Refusal,
-    level::{Elevation, Levelness, Mounting, Tolerance},
+    level::{Elevation, Levelness},
     numerics::real::lit,
 };
 
@@ -135,6 +135,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             scale,
             compass,
             standing,
+            tilt,
             lens,
             principal,
             is_baseline_known,
@@ -172,6 +173,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 scale_prior: scale,
                 compass_prior: compass,
                 standing: stands(standing, baseline),
+                tilt,
                 optics,
                 carrier: Vector2::new(scale.mean, compass.mean),
                 carrier_step: Vector2::zeros(),
@@ -270,6 +272,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         common.scale_prior = settings.scale;
         common.compass_prior = settings.compass;
         common.standing = stands(settings.standing, baseline);
+        common.tilt = settings.tilt;
         common.optics = optics;
         common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
         common.leg_factor = T::one();
@@ -570,20 +573,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.told_pose(camera)
     }
 
-    /// Test of a camera's rows: is it level? Its sigmas are larger than told by the root of `inflation`. `None` for one
-    /// without a pose or without rows.
-    pub fn levelness(
-        &mut self,
-        camera: usize,
-        tolerance: &Tolerance<T>,
-        inflation: T,
-    ) -> Option<Levelness<T>> {
-        self.solved().ok()?.levelness(camera, tolerance, inflation)
-    }
-
-    /// How a camera is mounted that is not level, as its rows tell. `None` as of [`levelness`](Self::levelness).
-    pub fn mounting(&mut self, camera: usize, tolerance: &Tolerance<T>) -> Option<Mounting<T>> {
-        self.solved().ok()?.mounting(camera, tolerance)
+    /// The mounting that a camera's rows tell: level, or how it hangs. Its sigmas are larger than told by the root of
+    /// `inflation`. `None` for one without a pose or without rows, and where [no tolerance](JointSettings::tilt) is given.
+    pub fn levelness(&mut self, camera: usize, inflation: T) -> Option<Levelness<T>> {
+        self.solved().ok()?.levelness(camera, inflation)
     }
 
     /// Lens of a camera: the scale of its bearings' tangents.
@@ -778,7 +771,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
 fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointError> {
     let JointSettings { scale, compass, .. } = settings;
     let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
-    let stands = settings.standing.is_finite() && settings.standing >= T::zero();
+    let is_spread = |sigma: T| sigma.is_finite() && sigma >= T::zero();
+    let stands = is_spread(settings.standing) && is_spread(settings.tilt);
     let Optics { lens, principal } = Optics::new(settings.lens, settings.principal);
     if [lens, principal]
         .iter()

@@ -245,6 +245,9 @@ pub struct JointSettings<T> {
     /// Standing sigma: standard deviation of the target's place at a stop, each axis, when a camera looks. It
     /// is another error for each look, and not one of the way. Zero or above.
     pub standing: T,
+    /// Standard deviation of the pitch and roll of a camera that is put up level, radians. Rows tell one that is not:
+    /// then its pitch and roll are found from them. Zero if cameras are exactly level, or rows are not to be looked at.
+    pub tilt: T,
     /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
     /// takes [`Capacity::workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
     pub lens: Option<T>,
@@ -273,6 +276,7 @@ impl<T: Real> Default for JointSettings<T> {
                 sigma: lit(0.034_906_585),
             },
             standing: T::zero(),
+            tilt: T::zero(),
             lens: None,
             principal: None,
             is_baseline_known: true,

@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 use super::{Prior, ProtectionLevels, Solver, StopTag, Undetermined};
 use crate::{
     Real, angle,
-    level::Elevation,
+    level::{Elevation, Mounting, Row, Tolerance},
     numerics::plane::{self, dot, quarter_turn},
     numerics::real::lit,
 };
@@ -143,6 +143,8 @@ pub struct Unknown<T: Real> {
     /// The camera that those bearings belong to.
     pub(super) successor: Option<u16>,
     pub(super) protection: ProtectionLevels<T>,
+    /// Pitch and roll by which its directions are turned upright.
+    pub(super) mounting: Mounting<T>,
 }
 
 impl<T: Real> Default for Stop<T> {
@@ -204,6 +206,7 @@ impl<T: Real> Default for Unknown<T> {
             moved: None,
             successor: None,
             protection: ProtectionLevels::default(),
+            mounting: Mounting::level(),
         }
     }
 }
@@ -217,6 +220,8 @@ pub(super) struct Common<T: Real> {
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
     pub standing: T,
+    /// Standard deviation of the pitch and roll of a level camera; zero if rows are not looked at.
+    pub tilt: T,
     /// Standard deviations of all lenses, if they are estimated.
     pub optics: Optics<T>,
     /// Scale and compass offset.
@@ -543,13 +548,16 @@ impl<T: Real> Problem<'_, T> {
         self.link();
     }
 
-    /// A bearing as it would be measured through a right lens, and by how much it changes with lens and principal
+    /// A bearing as a level camera would measure it through a right lens, and by how much it changes with lens and principal
     /// column: the derivatives of `atan((1 + e) tan b + p)` by `e` and `p`.
     pub(super) fn through_lens(&self, sight: &Sight<T>) -> (T, [T; 2]) {
+        let camera = self.cameras.get(usize::from(sight.camera));
+        if let Some(camera) = camera.filter(|camera| !camera.mounting.is_level()) {
+            return turned_upright(camera, sight);
+        }
         if self.common.optics.lens.is_none() {
             return (sight.value, [T::zero(); 2]);
         }
-        let camera = self.cameras.get(usize::from(sight.camera));
         let lens = camera.map_or_else(T::zero, Unknown::lens);
         let principal = camera.map_or_else(T::zero, Unknown::principal);
         let ray = plane::unit(sight.value);
@@ -559,6 +567,41 @@ impl<T: Real> Problem<'_, T> {
             true_ray.y.atan2(true_ray.x),
             [ray.y * by_tangent, ray.x * by_tangent],
         )
+    }
+
+    /// Change of a bearing with its elevation, which errs by as much as the bearing does, with a ball that bobs. None of
+    /// a level camera; `None` of a row that is not known of another one.
+    fn by_elevation(&self, sight: &Sight<T>) -> Option<T> {
+        let mounting = self.cameras.get(usize::from(sight.camera))?.mounting;
+        if mounting.is_level() {
+            return Some(T::zero());
+        }
+        let elevation = sight.elevation.radians::<T>()?;
+        Some(mounting.by_elevation(sight.value, elevation))
+    }
+
+    /// Rows of a camera that count.
+    pub(super) fn rows(&self, camera: usize) -> impl Iterator<Item = Row<T>> + Clone {
+        let standing = self.common.standing;
+        let counting = { self.own(camera) }
+            .filter(|(_, sight)| sight.standing == Standing::Counts && sight.is_bearing());
+        counting.filter_map(move |(_, sight)| {
+            Some(Row {
+                target: self.stops.get(usize::from(sight.stop))?.place,
+                target_variance: standing * standing,
+                bearing: sight.value,
+                elevation: sight.elevation.radians()?,
+                sigma: sight.sigma,
+            })
+        })
+    }
+
+    /// Tolerance of the test of rows. A ball bobs as much as it stands beside its stop.
+    pub(super) fn tolerance(&self) -> Tolerance<T> {
+        Tolerance {
+            tilt: self.common.tilt,
+            bob: self.common.standing,
+        }
     }
 
     /// A bearing for those who do not estimate lenses, with its standard deviation. A heading takes in what the
@@ -605,9 +648,9 @@ impl<T: Real> Problem<'_, T> {
                 by_camera: [-by_place.x, -by_place.y, T::zero(), T::zero(), T::zero()],
             });
         }
-        let weight = (sigma * sigma + standing * standing / range2)
-            .sqrt()
-            .recip();
+        let variance = sigma * sigma + standing * standing / range2;
+        let by_row = self.by_elevation(sight)?;
+        let weight = (variance * (T::one() + by_row * by_row)).sqrt().recip();
         let (bearing, [by_lens, by_principal]) = self.through_lens(sight);
         let off = to_target.y.atan2(to_target.x) - pose.z - bearing;
         let by_place = quarter_turn(to_target) * (weight / range2);
@@ -689,6 +732,26 @@ impl<T: Real> Problem<'_, T> {
         let turned = plane::mul_conj(displacement, plane::unit(self.common.carrier.y));
         turned / self.common.carrier.x
     }
+}
+
+/// A bearing as of a level camera, and its derivatives by the focal length and by the principal column.
+#[inline(never)] // for less stack
+fn turned_upright<T: Real>(camera: &Unknown<T>, sight: &Sight<T>) -> (T, [T; 2]) {
+    let elevation = sight.elevation.radians().unwrap_or_else(T::zero);
+    let (sine, cosine) = sight.value.sine_cosine();
+    let (up, level) = elevation.sine_cosine();
+    let (forward, left) = (cosine * level, sine * level);
+    let scale = camera.lens() + T::one();
+    let zero = T::zero();
+    let turn = |forward, left, up| camera.mounting.upright(forward, left, up);
+    let seen = turn(
+        forward,
+        left * scale + forward * camera.principal(),
+        up * scale,
+    );
+    let by_lens = seen.turn(&turn(zero, left, up));
+    let by_principal = seen.turn(&turn(zero, forward, zero));
+    (seen.azimuth(), [by_lens, by_principal])
 }
 
 /// The root of a covariance's information, lower triangular by rows. `None` if it is not positive

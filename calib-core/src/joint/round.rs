@@ -11,6 +11,8 @@ use crate::{Limits, Real, Refusal};
 
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
+/// Times that mountings of cameras are improved in a round, at most.
+const MOUNTING_ROUNDS: u8 = 8;
 
 /// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,6 +47,7 @@ pub(super) struct Work<T: Real> {
     /// Tasks still to be done.
     round: Round,
     leg_noise_rounds: u8,
+    mounting_rounds: u8,
     /// The finding that was left out before the solve that is under way.
     found: Option<Finding<T>>,
     /// Result of the last solve.
@@ -66,6 +69,7 @@ impl<T: Real> Work<T> {
             stage: Stage::Idle,
             round: Round::default(),
             leg_noise_rounds: 0,
+            mounting_rounds: 0,
             found: None,
             solved: Err(Refusal::TooFew),
         }
@@ -96,6 +100,7 @@ impl<T: Real> Work<T> {
         self.round = round;
         self.found = None;
         self.leg_noise_rounds = if round.leg_noise { LEG_NOISE_ROUNDS } else { 0 };
+        self.mounting_rounds = MOUNTING_ROUNDS;
     }
 
     /// One slice.
@@ -152,6 +157,11 @@ impl<T: Real> Work<T> {
             // Contradictions may keep it from coming to an end.
             Err(Refusal::DidNotConverge) if self.round.findings > 0 => {}
             Err(why) => return Err(JointError::Solve(why)),
+            Ok(_) if self.mounting_rounds > 0 && problem.improve_mountings() => {
+                self.mounting_rounds -= 1;
+                self.stage = Stage::Settling(problem.begin_settling());
+                return Ok(Progress::Working);
+            }
             Ok(solution) => {
                 let Round {
                     findings,

@@ -622,6 +622,7 @@ mod tests {
             done: false,
             joint: None,
             state,
+            mount: None,
         };
         ToPc::Report { address, report }
     }

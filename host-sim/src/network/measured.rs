@@ -35,16 +35,16 @@ pub(super) fn sightings(
             standing_sigma: config.standing_sigma.into(),
         })
     });
-    let lens = network.targets.iter().find_map(|target| {
+    let told = network.targets.iter().find_map(|target| {
         let RoleConfig::Target(config) = &simulation.config(target.id)?.role else {
             return None;
         };
-        let sigma = f64::from(config.lens_sigma.focal);
-        (sigma > 0.0).then_some(Lens {
-            sigma,
-            fov_deg: None,
-            principal_deg: config.lens_sigma.principal_deg.into(),
-        })
+        Some(config.lens_sigma)
+    });
+    let lens = { told.filter(|told| told.focal > 0.0) }.map(|told| Lens {
+        sigma: told.focal.into(),
+        fov_deg: None,
+        principal_deg: told.principal_deg.into(),
     });
     let surveyed = Surveyed {
         baseline_sigma: network.told.baseline.unwrap_or_default(),
@@ -52,6 +52,7 @@ pub(super) fn sightings(
     };
     Sightings {
         lens,
+        tilt_sigma_deg: told.map_or(0.0, |told| told.tilt_deg.into()),
         references: network.home.is_none().then_some(References {
             cameras: references,
             baseline: network.known.baseline,
@@ -82,6 +83,7 @@ fn seen_by(
             camera,
             bearing_deg: f64::from(seen.bearing).to_degrees(),
             sigma_deg: f64::from(seen.sigma).to_degrees(),
+            elevation_deg: seen.elevation.radians().map(f64::to_degrees),
         })
     });
     bearings.collect()

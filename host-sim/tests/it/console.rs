@@ -182,6 +182,7 @@ fn report(id: u16, state: CameraState) -> Report {
         done: true,
         joint: None,
         state,
+        mount: None,
     }
 }
 

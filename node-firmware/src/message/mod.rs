@@ -437,6 +437,8 @@ pub struct Report {
     pub joint: Option<ProtectionLevel>,
     /// State of the camera's knowledge.
     pub state: CameraState,
+    /// How the camera hangs, if it is not level.
+    pub mount: Option<Mount>,
 }
 
 /// Bound on the error of a pose although one of the measurements that it rests on is wrong and no test
@@ -496,34 +498,44 @@ pub enum CameraState {
     Doubtful(PoseParts),
     /// The sightings contradict the lens that was configured, and fit another one: the pose with that.
     OtherLens(PoseParts, FittingLens),
-    /// The rows of the sightings tell that the camera is not level: the pose as of a level one, and how it hangs.
-    Tilted(PoseParts, Tilt),
 }
 
 /// How a camera hangs that is not level, as its rows tell.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Tilt {
-    /// Angle of its optical axis below the horizon, tenths of a degree.
+pub struct Mount {
+    /// Angle of its optical axis below the horizon, hundredths of a degree.
     pitch: i16,
+    /// Turn about the axis, positive where the left side is high, hundredths of a degree.
+    roll: i16,
     /// Height above the ball, in the unit of the site.
     pub height: f32,
 }
 
-impl Tilt {
-    /// Its angle below the horizon, degrees.
-    pub fn pitch_deg(self) -> f32 {
-        f32::from(self.pitch) / 10.0
+impl Mount {
+    /// `None` of a level camera.
+    pub fn of(mounting: Mounting<f32>, height: f32) -> Option<Self> {
+        // Conversions saturate.
+        let hundredths = |angle: f32| (angle.to_degrees() * 100.0) as i16;
+        (!mounting.is_level()).then_some(Self {
+            pitch: hundredths(mounting.pitch),
+            roll: hundredths(mounting.roll),
+            height,
+        })
     }
-}
 
-impl From<Mounting<f32>> for Tilt {
-    fn from(mounting: Mounting<f32>) -> Self {
-        Self {
-            // The conversion saturates.
-            pitch: (mounting.pitch.to_degrees() * 10.0) as i16,
-            height: mounting.height,
-        }
+    /// Pitch and roll, degrees.
+    pub fn degrees(self) -> [f32; 2] {
+        [self.pitch, self.roll].map(|angle| f32::from(angle) / 100.0)
+    }
+
+    /// A direction as a level camera with the same heading would see it; `None` if its row is not known.
+    pub fn upright(self, seen: &Seen) -> Option<Seen> {
+        let [pitch, roll] = self.degrees().map(f32::to_radians);
+        let bearing = Mounting { pitch, roll }
+            .seen(seen.bearing, seen.elevation.radians()?)
+            .azimuth();
+        Some(Seen { bearing, ..*seen })
     }
 }
 
@@ -568,7 +580,6 @@ impl PartialEq for CameraState {
         self.status() == other.status()
             && self.refusal() == other.refusal()
             && self.lens() == other.lens()
-            && self.tilt() == other.tilt()
             && self.pose() == other.pose()
     }
 }
@@ -617,7 +628,7 @@ impl CameraState {
             Self::Refused(_) => Status::Refused,
             Self::Calibrated(_) => Status::Calibrated,
             Self::Weak(_) => Status::Weak,
-            Self::Doubtful(_) | Self::OtherLens(..) | Self::Tilted(..) => Status::Doubtful,
+            Self::Doubtful(_) | Self::OtherLens(..) => Status::Doubtful,
         }
     }
 
@@ -635,8 +646,7 @@ impl CameraState {
             Self::Calibrated(pose)
             | Self::Weak(pose)
             | Self::Doubtful(pose)
-            | Self::OtherLens(pose, _)
-            | Self::Tilted(pose, _) => Some(pose),
+            | Self::OtherLens(pose, _) => Some(pose),
             Self::Waiting | Self::Refused(_) => None,
         }
     }
@@ -648,14 +658,6 @@ impl CameraState {
             _ => None,
         }
     }
-
-    /// How the camera hangs, where it is not level.
-    pub const fn tilt(&self) -> Option<Tilt> {
-        match self {
-            Self::Tilted(_, tilt) => Some(*tilt),
-            _ => None,
-        }
-    }
 }
 
 impl Report {
@@ -663,7 +665,7 @@ impl Report {
     pub fn is_usable(&self) -> bool {
         self.chi_squared.is_finite()
             && self.chi_squared >= 0.0
-            && self.state.tilt().is_none_or(|tilt| tilt.height.is_finite())
+            && self.mount.is_none_or(|mount| mount.height.is_finite())
             && self.joint.is_none_or(|level| level.is_usable())
     }
 
@@ -675,6 +677,12 @@ impl Report {
     /// The pose, if there is one, whatever it is worth.
     pub const fn pose(&self) -> Option<&PoseParts> {
         self.state.pose()
+    }
+
+    /// What the camera sees, turned upright: its pose is that of a level camera. `None` without the row of a camera that
+    /// is not level.
+    pub fn upright(&self, seen: Seen) -> Option<Seen> {
+        self.mount.map_or(Some(seen), |mount| mount.upright(&seen))
     }
 }
 

@@ -167,6 +167,7 @@ pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
         || new_level > 2.0 * old_level
         || old.status() != new.status()
         || old.duty != new.duty
+        || old.mount.is_some() != new.mount.is_some()
         || variance(new_pose) < 0.81 * variance(old_pose)
         || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
         || moved[0] + moved[1] > 0.1 * variance(new_pose)
@@ -189,6 +190,7 @@ mod tests {
             done: false,
             joint: None,
             state: CameraState::Waiting,
+            mount: None,
         }
     }
 

@@ -15,9 +15,9 @@ use node_firmware::{
     hardware::Button,
     message::{
         CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame,
-        Duty, FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
-        Reference, References, Report, Seen, Sight, StopAnswer, StopBearing, Stopped,
-        TargetLocation, Tracked, TrackedBlob,
+        Duty, FittingLens, Hello, ListedSighting, MemberKind, Message, Mount, PoseParts,
+        ProtectionLevel, Reference, References, Report, Seen, Sight, StopAnswer, StopBearing,
+        Stopped, TargetLocation, Tracked, TrackedBlob,
     },
     role::{
         Role,
@@ -127,8 +127,15 @@ impl Any {
         }
     }
 
+    fn mounting(&mut self) -> Mounting<f32> {
+        Mounting {
+            pitch: self.number(),
+            roll: self.number(),
+        }
+    }
+
     fn report(&mut self) -> Report {
-        let state = match self.below(7) {
+        let state = match self.below(6) {
             0 => CameraState::Waiting,
             1 => CameraState::Refused(Refusal::DangerCircle),
             2 => CameraState::Calibrated(self.pose()),
@@ -136,14 +143,6 @@ impl Any {
             4 => CameraState::OtherLens(
                 self.pose(),
                 FittingLens::new(Projection::EqualAngle, self.sigma()),
-            ),
-            5 => CameraState::Tilted(
-                self.pose(),
-                Mounting {
-                    height: self.number(),
-                    pitch: self.number(),
-                }
-                .into(),
             ),
             _ => CameraState::Doubtful(self.pose()),
         };
@@ -159,6 +158,10 @@ impl Any {
                 heading: f32::MAX,
             }),
             state,
+            mount: self
+                .flip()
+                .then(|| Mount::of(self.mounting(), self.number()))
+                .flatten(),
         }
     }
 

@@ -5,6 +5,7 @@ use crate::support;
 use std::collections::BTreeMap;
 
 use calib_core::{
+    camera::Projection,
     dead_reckoning::{Place, PlaceParts, Systematic},
     joint::Quantity,
     level::{Elevation, Mounting},
@@ -18,7 +19,7 @@ use node_firmware::{
         STOPS_PER_RECORD, Walk, WalkBearing, WalkLeg, WalkStop,
     },
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS, WALK_BEARINGS, WALK_STOPS},
-    message::{CameraState, Duty, PoseParts, References, Report, Seen},
+    message::{CameraState, Duty, FittingLens, Mount, PoseParts, References, Report, Seen},
     network::{Attachment, NetworkIdentity},
     vision::ColourWindow,
 };
@@ -71,13 +72,13 @@ fn report(id: u16) -> Report {
         chi_squared: 2.0,
         done: true,
         joint: None,
-        state: CameraState::Tilted(
-            pose(),
+        state: CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
+        mount: Mount::of(
             Mounting {
-                height: 2.0,
                 pitch: -1.5,
-            }
-            .into(),
+                roll: 3.0,
+            },
+            2.0,
         ),
     }
 }

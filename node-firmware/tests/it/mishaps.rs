@@ -177,6 +177,7 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
             done: true,
             joint: None,
             state,
+            mount: None,
         })));
         (camera.report().status(), camera.report().done)
     };
@@ -287,6 +288,7 @@ fn no_news_is_too_much_to_be_written_down() {
                 done: false,
                 joint: None,
                 state: CameraState::Refused(Refusal::DangerCircle),
+                mount: None,
             };
             station.hear(0, ShortAddress(camera), &Message::Report(report));
             target.hear(0, ShortAddress(camera), &Message::Report(report));
@@ -585,6 +587,7 @@ fn a_reference_drops_its_sightings() {
             done: false,
             joint: None,
             state: CameraState::Calibrated(pose),
+            mount: None,
         });
         station.facts_left = cut;
         station.hear(3 * SECOND, ShortAddress(1), &posed);

@@ -455,6 +455,7 @@ fn a_table_with_gaps_survives_restarts() {
             done: false,
             joint: None,
             state: CameraState::Refused(Refusal::DangerCircle),
+            mount: None,
         })
     };
     let hears = [

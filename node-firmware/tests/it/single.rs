@@ -415,6 +415,7 @@ fn a_place_is_taken_from_the_first_reference_only() {
             done: true,
             joint: None,
             state,
+            mount: None,
         })
     };
     let pose = CameraState::Calibrated(pose_of(&CAMERAS[0]));

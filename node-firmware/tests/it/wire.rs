@@ -17,8 +17,8 @@ use node_firmware::{
     message::{
         CONFIRMED, CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation,
         CoordinateFrame, Duty, Eye, FittingLens, Health, Hello, ListedSighting, MemberKind, Memory,
-        Message, PoseParts, ProtectionLevel, Reference, References, Report, Restart, Seen, Sight,
-        StopAnswer, StopBearing, Stopped, TargetLocation, Tracked, TrackedBlob,
+        Message, Mount, PoseParts, ProtectionLevel, Reference, References, Report, Restart, Seen,
+        Sight, StopAnswer, StopBearing, Stopped, TargetLocation, Tracked, TrackedBlob,
     },
     vision::BackgroundShare,
 };
@@ -74,7 +74,14 @@ fn report(duty: Option<Duty>, state: CameraState) -> Report {
         done: true,
         joint: None,
         state,
+        mount: None,
     }
+}
+
+/// Degrees.
+fn mount(pitch: f32, roll: f32) -> Option<Mount> {
+    let [pitch, roll] = [pitch, roll].map(f32::to_radians);
+    Mount::of(Mounting { pitch, roll }, 2.0)
 }
 
 fn place_bytes() -> String {
@@ -193,7 +200,7 @@ fn golden() -> Vec<(Message, String)> {
         ),
         (
             Message::Posed(report(Some(Duty::First), CameraState::Doubtful(pose()))),
-            format!("090b01000403{TWO}010004{}", pose_bytes()),
+            format!("090b01000403{TWO}010004{}00", pose_bytes()),
         ),
         (
             Message::Report(report(None, CameraState::Waiting)),
@@ -201,7 +208,7 @@ fn golden() -> Vec<(Message, String)> {
         ),
         (
             Message::Report(report(Some(Duty::First), CameraState::Calibrated(pose()))),
-            format!("0a0b01000403{TWO}010002{}", pose_bytes()),
+            format!("0a0b01000403{TWO}010002{}00", pose_bytes()),
         ),
         (
             Message::Posed(Report {
@@ -211,15 +218,15 @@ fn golden() -> Vec<(Message, String)> {
                 }),
                 ..report(None, CameraState::Weak(pose()))
             }),
-            format!("090b000403{TWO}0101{ONE}{TWO}03{}", pose_bytes()),
+            format!("090b000403{TWO}0101{ONE}{TWO}03{}00", pose_bytes()),
         ),
         (
             Message::Report(report(None, CameraState::Weak(pose()))),
-            format!("0a0b000403{TWO}010003{}", pose_bytes()),
+            format!("0a0b000403{TWO}010003{}00", pose_bytes()),
         ),
         (
             Message::Report(report(None, CameraState::Doubtful(pose()))),
-            format!("0a0b000403{TWO}010004{}", pose_bytes()),
+            format!("0a0b000403{TWO}010004{}00", pose_bytes()),
         ),
         (
             // 60.1 degrees of equal angles: 0x8259, as a varint.
@@ -230,22 +237,15 @@ fn golden() -> Vec<(Message, String)> {
                     FittingLens::new(Projection::EqualAngle, 60.15_f32.to_radians()),
                 ),
             )),
-            format!("0a0b000403{TWO}010005{}d98402", pose_bytes()),
+            format!("0a0b000403{TWO}010005{}d9840200", pose_bytes()),
         ),
         (
-            // 20.0 degrees down: 200, zigzag, as a varint.
-            Message::Report(report(
-                None,
-                CameraState::Tilted(
-                    pose(),
-                    Mounting {
-                        height: 2.0,
-                        pitch: 20.01_f32.to_radians(),
-                    }
-                    .into(),
-                ),
-            )),
-            format!("0a0b000403{TWO}010006{}9003{TWO}", pose_bytes()),
+            // 20 degrees down: 2000, and half a degree of roll, zigzag, as varints; 2 above the ball.
+            Message::Report(Report {
+                mount: mount(20.001, -0.501),
+                ..report(None, CameraState::Weak(pose()))
+            }),
+            format!("0a0b000403{TWO}010003{}01a01f63{TWO}", pose_bytes()),
         ),
         (
             Message::Done(CommandResult {
@@ -418,7 +418,7 @@ fn what_the_pc_is_told_is_these_bytes() {
     let report = report(None, CameraState::Calibrated(pose()));
     assert_eq!(
         tell(ToPc::Report { address: 3, report }),
-        format!("02030b000403{TWO}010002{}", pose_bytes())
+        format!("02030b000403{TWO}010002{}00", pose_bytes())
     );
     let done = CommandResult {
         command: CameraCommand::LearnBackground,
@@ -631,6 +631,7 @@ fn longest() -> Vec<(&'static str, Message)> {
     .unwrap();
     let report = Report {
         id: far,
+        mount: mount(-120.0, 170.0),
         sightings: 255,
         used: 255,
         joint: Some(ProtectionLevel {
@@ -639,14 +640,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         }),
         ..report(
             Some(Duty::Second),
-            CameraState::Tilted(
-                pose(),
-                Mounting {
-                    height: 2.0,
-                    pitch: -1.5,
-                }
-                .into(),
-            ),
+            CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
         )
     };
     vec![
@@ -785,8 +779,8 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Trigger", 7),
     ("Bearing", 58),
     ("Located", 32),
-    ("Posed", 65),
-    ("Report", 65),
+    ("Posed", 73),
+    ("Report", 73),
     ("Command", 3),
     ("Done", 7),
     ("Tracked", 32),

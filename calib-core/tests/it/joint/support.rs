@@ -75,6 +75,7 @@ pub(crate) fn filled_with<T: Real>(
             sigma: number(walk.errors.compass),
         },
         standing: T::zero(),
+        tilt: number(0.0),
         lens: (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma)),
         principal: (walk.principal_sigma > 0.0).then(|| number(walk.principal_sigma)),
         is_baseline_known: told == right,

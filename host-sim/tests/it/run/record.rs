@@ -145,6 +145,7 @@ fn what_was_measured_is_kept_as_the_golden_one() {
             camera: 2,
             bearing_deg: -12.5,
             sigma_deg: 0.25,
+            elevation_deg: None,
         }],
         legs: vec![Leg {
             target: 20,

@@ -5,7 +5,12 @@ use calib_core::joint::{
     JointMemory, JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace,
     StopStorage, UnknownStorage, VisitStorage,
 };
-use calib_core::{Pose, fit::Fit};
+use calib_core::{
+    Pose,
+    fit::Fit,
+    level::{Elevation, Levelness},
+};
+use nalgebra::Matrix3;
 
 use super::sparse::Sparse;
 
@@ -17,6 +22,7 @@ pub(super) struct Seen {
     pub quantity: Quantity,
     pub value: f64,
     pub sigma: f64,
+    pub elevation: Elevation,
 }
 
 /// A visit by numbers of stop and mark.
@@ -66,6 +72,8 @@ pub(super) struct Output {
     pub fit: Fit<f64>,
     /// Poses of all cameras, references included.
     pub poses: Vec<Option<Pose<f64>>>,
+    /// Of cameras whose rows are known.
+    pub mounts: Vec<Option<Levelness<f64>>>,
     pub protections: Vec<Option<ProtectionLevels<f64>>>,
     /// Where they are estimated.
     pub lenses: Vec<Option<Lens<f64>>>,
@@ -146,6 +154,7 @@ fn solve_in_memory(input: &Input, depth: Depth, is_long: bool) -> Result<Output,
         match seen.quantity {
             Quantity::Bearing => {
                 joint.add_bearing(seen.stop, seen.camera, seen.value, seen.sigma)?;
+                joint.add_elevation(seen.elevation)?;
             }
             Quantity::Range => joint.add_range(seen.stop, seen.camera, seen.value, seen.sigma)?,
         }
@@ -179,10 +188,20 @@ fn solve_in_memory(input: &Input, depth: Depth, is_long: bool) -> Result<Output,
     let solved = solved?;
     let last = input.legs.len().saturating_sub(1);
     let carrier = joint.carrier().map_err(JointError::Solve)?;
-    let poses = (0..input.cameras).map(|n| joint.pose(n).ok()).collect();
+    let cameras = 0..input.cameras;
+    let mounts: Vec<_> = { cameras.clone() }
+        .map(|n| joint.levelness(n, 1.0))
+        .collect();
+    let poses = cameras.map(|n| {
+        let mut pose = joint.pose(n).ok()?;
+        pose.covariance += mounts[n].map_or_else(Matrix3::zeros, |mount| mount.widening);
+        Some(pose)
+    });
+    let poses = poses.collect();
     let mut output = Output {
         fit: solved.fit,
         poses,
+        mounts,
         protections: vec![None; input.cameras],
         lenses: (0..input.cameras).map(|n| joint.lens(n).ok()).collect(),
         places: (0..=last).map(|stop| joint.place(stop).ok()).collect(),
@@ -242,6 +261,7 @@ mod tests {
             quantity: Quantity::Bearing,
             value: seen.bearing,
             sigma: seen.sigma,
+            elevation: Elevation::UNKNOWN,
         });
         let prior = |mean, sigma| Prior { mean, sigma };
         Input {

@@ -29,7 +29,7 @@ use serde::Serialize;
 
 pub use crate::record::Protection;
 use crate::record::{
-    Estimate, Limits,
+    Estimate, Limits, NodeMount,
     sightings::{References, Sightings},
 };
 
@@ -151,6 +151,9 @@ pub struct Camera {
     pub checked: bool,
     /// Its lens, where lenses were estimated.
     pub lens: Option<LensEstimate>,
+    /// How it hangs, if it is not level.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount: Option<NodeMount>,
     /// True if its bearings fit once left and right are exchanged: it hangs upside down, or its picture is mirrored.
     pub mirrored: bool,
     /// Number of bearings that it gave.

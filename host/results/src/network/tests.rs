@@ -22,6 +22,7 @@ fn measured(walk: &Walk) -> Sightings {
         camera: seen.camera as u16 + 1,
         bearing_deg: seen.bearing.to_degrees(),
         sigma_deg: seen.sigma.to_degrees(),
+        elevation_deg: None,
     });
     let legs = (2..).zip(&walk.legs).map(|(stop, leg)| {
         let c = leg.covariance;
@@ -34,6 +35,7 @@ fn measured(walk: &Walk) -> Sightings {
         }
     });
     Sightings {
+        tilt_sigma_deg: 0.0,
         network: 1,
         references: Some(References {
             cameras: [1, 2],

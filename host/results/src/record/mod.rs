@@ -17,7 +17,12 @@
 
 use std::{borrow::Cow, collections::BTreeSet};
 
-use calib_core::{Pose, Refusal, Sighting, Status, angle, camera::Projection, fit::Fit};
+use calib_core::{
+    Pose, Refusal, Sighting, Status, angle,
+    camera::Projection,
+    fit::Fit,
+    level::{Levelness, Mounting},
+};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 use node_firmware::message::Health;
 use serde::{Deserialize, Serialize};
@@ -244,7 +249,7 @@ pub struct Node {
     pub lens: Option<NodeLens>,
     /// How it hangs, of a camera that is not level as its rows tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tilt: Option<NodeTilt>,
+    pub mount: Option<NodeMount>,
     /// Each sighting against the estimate.
     pub residuals: Vec<Residual>,
     /// When it had its first pose.
@@ -287,13 +292,27 @@ pub struct NodeLens {
     pub fov_deg: f64,
 }
 
-/// How a camera hangs that is not level, as rows tell.
+/// How a camera hangs that is not level, as its rows tell.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct NodeTilt {
-    /// Angle of its optical axis below the horizon.
-    pub pitch_deg: f64,
+pub struct NodeMount {
     /// Height above the ball.
     pub height: f64,
+    /// Angle of its optical axis below the horizon.
+    pub pitch_deg: f64,
+    /// Turn about that axis, positive where the left side is high.
+    pub roll_deg: f64,
+}
+
+impl NodeMount {
+    /// `None` of a level camera.
+    pub(crate) fn of(found: &Levelness<f64>) -> Option<Self> {
+        let Mounting { pitch, roll } = found.mounting;
+        (!found.mounting.is_level()).then(|| Self {
+            height: found.height,
+            pitch_deg: pitch.to_degrees(),
+            roll_deg: roll.to_degrees(),
+        })
+    }
 }
 
 /// Why firmware could not go on.
@@ -561,7 +580,7 @@ impl Node {
             chi_squared,
             done,
             lens,
-            tilt,
+            mount,
             residuals,
             calibrated_seconds,
             silent,
@@ -596,7 +615,7 @@ impl Node {
             && *chi_squared == other.chi_squared
             && *done == other.done
             && *lens == other.lens
-            && *tilt == other.tilt
+            && *mount == other.mount
             && *calibrated_seconds == other.calibrated_seconds
             && *silent == other.silent
             && *health == other.health
@@ -626,7 +645,7 @@ impl Node {
             chi_squared: None,
             done: false,
             lens: None,
-            tilt: None,
+            mount: None,
             residuals: Vec::new(),
             calibrated_seconds: None,
             heard_seconds: None,

@@ -41,6 +41,10 @@ pub struct Sightings {
     /// Prior knowledge of the cameras' lenses, if they are to be estimated too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens: Option<Lens>,
+    /// Standard deviation of the pitch and roll of a camera that is put up level, degrees. Rows tell one that is not; 0
+    /// does not look at them.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub tilt_sigma_deg: f64,
 }
 
 fn first() -> u16 {
@@ -103,6 +107,9 @@ pub struct Bearing {
     pub bearing_deg: f64,
     /// Its standard deviation.
     pub sigma_deg: f64,
+    /// Above the camera's own horizontal plane; left out where the row is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub elevation_deg: Option<f64>,
 }
 
 /// Leg of a target from one stop to the next, as its carrier measured it.

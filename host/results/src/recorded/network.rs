@@ -110,6 +110,7 @@ pub fn bearings(input: impl BufRead, assumptions: &Assumptions) -> Result<Bearin
                 camera: whole(row, camera, "camera")?,
                 bearing_deg,
                 sigma_deg,
+                elevation_deg: None,
             })
         };
         let bearing = read().map_err(|what| ReadError::Row(row.complaint(what)))?;

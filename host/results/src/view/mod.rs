@@ -18,7 +18,7 @@ use node_firmware::{
 };
 
 use crate::record::{
-    Estimate, Node, NodeLens, NodeTilt, Protection,
+    Estimate, Node, NodeLens, NodeMount, Protection,
     verdict::{half_turn, health_words, status_words},
 };
 
@@ -165,9 +165,13 @@ impl Member {
                 projection: lens.projection(),
                 fov_deg: lens.field_of_view_deg().into(),
             });
-            node.tilt = report.state.tilt().map(|tilt| NodeTilt {
-                pitch_deg: tilt.pitch_deg().into(),
-                height: tilt.height.into(),
+            node.mount = report.mount.map(|mount| {
+                let [pitch_deg, roll_deg] = mount.degrees().map(f64::from);
+                NodeMount {
+                    height: mount.height.into(),
+                    pitch_deg,
+                    roll_deg,
+                }
             });
         }
     }
@@ -592,6 +596,7 @@ mod tests {
             done: false,
             joint: None,
             state,
+            mount: None,
         };
         ToPc::Report { address, report }
     }

@@ -3,18 +3,19 @@
 use calib_core::{
     Limits, Pose, Refusal, Sighting, angle,
     dead_reckoning::{Place, correlate},
-    level::{self, Levelness, Row},
+    level::{self, Mounting, Row, Tolerance},
     resection::{self, Solution},
 };
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point2, Vector3};
 
 use super::kept::{Kept, OfStop};
 use crate::{
+    arithmetic::root,
     config::LensSigma,
     facts::KeptSighting,
     limits::SIGHTINGS,
-    message::{CameraState, FittingLens, MemberAddress, PoseParts, StopNumber},
+    message::{CameraState, FittingLens, MemberAddress, Mount, PoseParts, StopNumber},
     vision::Lens,
 };
 
@@ -23,10 +24,26 @@ use crate::{
 /// thousand cameras, one of its 16 sightings is so far off by chance.
 const GATE: f32 = 4.0;
 
+/// A camera as it should hang.
+const LEVEL: Mounting<f32> = Mounting {
+    pitch: 0.0,
+    roll: 0.0,
+};
+
+/// Times that the mounting of a camera is improved.
+const MOUNTING_ROUNDS: usize = 8;
+
+/// Standard deviation of a direction that tells nothing, radians.
+const WORTHLESS: f32 = 3.0;
+
 /// The sightings of one camera and the pose they give.
 #[derive(Clone, Debug)]
 pub(super) struct Calibration {
     kept: Kept<KeptSighting, SIGHTINGS>,
+    /// Pitch and roll by which directions are turned upright.
+    mounting: Mounting<f32>,
+    /// Place of the camera when that was found.
+    stands: Point2<f32>,
 }
 
 impl OfStop for KeptSighting {
@@ -41,11 +58,16 @@ pub(super) struct Answer {
     pub(super) state: CameraState,
     pub(super) used: usize,
     pub(super) chi_squared: f32,
+    pub(super) mount: Option<Mount>,
 }
 
 impl Calibration {
     pub(super) const fn new() -> Self {
-        Self { kept: Kept::new() }
+        Self {
+            kept: Kept::new(),
+            mounting: LEVEL,
+            stands: Point2::new(0.0, 0.0),
+        }
     }
 
     pub(super) fn count(&self) -> usize {
@@ -89,29 +111,36 @@ impl Calibration {
     }
 
     /// The pose from all sightings, through a lens that is known so well, judged by these limits.
-    pub(super) fn solve(&self, limits: &Limits<f32>, lens_sigma: &LensSigma) -> Answer {
+    pub(super) fn solve(&mut self, limits: &Limits<f32>, lens_sigma: &LensSigma) -> Answer {
+        self.mounting = LEVEL;
         match self.solution(limits, lens_sigma) {
             Ok(answer) => answer,
             Err(Refusal::TooFew) => Answer {
                 state: CameraState::Waiting,
                 used: 0,
                 chi_squared: 0.0,
+                mount: None,
             },
             Err(refusal) => Answer {
                 state: CameraState::Refused(refusal),
                 used: 0,
                 chi_squared: 0.0,
+                mount: None,
             },
         }
     }
 
-    fn solution(&self, limits: &Limits<f32>, lens_sigma: &LensSigma) -> Result<Answer, Refusal> {
-        let common = self.common().ok_or(Refusal::TooFew)?;
+    fn solution(
+        &mut self,
+        limits: &Limits<f32>,
+        lens_sigma: &LensSigma,
+    ) -> Result<Answer, Refusal> {
+        let common = &self.common().copied().ok_or(Refusal::TooFew)?;
         let mut dropped = [false; SIGHTINGS];
         let dropped = dropped.get_mut(..self.kept.len()).unwrap_or_default();
         debug_assert_eq!(dropped.len(), self.kept.len());
-        let solution = self.fitted(common, dropped)?;
-        let pose = self.correlated(common, dropped, &solution.pose)?;
+        let tolerance = lens_sigma.tolerance(common.place.parts().standing_sigma);
+        let (solution, pose) = self.hung(common, dropped, &tolerance)?;
         let fit = solution.fit();
         let mut covariance = pose.covariance * fit.inflation();
         for (axis, sigma) in lens_sigma.of_tangent().into_iter().enumerate() {
@@ -124,30 +153,29 @@ impl Calibration {
                 covariance += moved * moved.transpose();
             }
         }
-        let tolerance = lens_sigma.tolerance(common.place.parts().standing_sigma);
         let rows = self.rows(common, dropped);
-        let found = level::test(&pose, &rows, &tolerance);
-        covariance += found.map_or_else(Matrix3::zeros, |found| found.widen());
-        let tilt = { found.filter(Levelness::is_refused) }
-            .and_then(|_| level::mounting(&pose, &rows, &tolerance));
+        let hung = level::judge(&pose, &rows, self.mounting, &tolerance);
+        covariance += hung.map_or_else(Matrix3::zeros, |hung| hung.widening);
+        let is_refused = hung.is_some_and(|hung| hung.is_refused());
         let parts = PoseParts::from(Pose { covariance, ..pose });
         // Unbelievable numbers are not told.
         if !(parts.is_usable() && solution.chi_squared.is_finite()) {
             return Err(Refusal::Undetermined);
         }
-        let state = match (tilt, CameraState::judged(parts, &fit, limits)) {
-            (Some(tilt), _) => CameraState::Tilted(parts, tilt.into()),
-            (None, CameraState::Calibrated(_) | CameraState::Weak(_))
-                if self.allow_another_place(common, dropped, &solution.pose, parts) =>
+        let state = match CameraState::judged(parts, &fit, limits) {
+            CameraState::Calibrated(_) | CameraState::Weak(_)
+                if is_refused
+                    || self.allow_another_place(common, dropped, &solution.pose, parts) =>
             {
                 CameraState::Doubtful(parts)
             }
-            (None, state) => state.supported(solution.used, self.kept.len(), false),
+            state => state.supported(solution.used, self.kept.len(), false),
         };
         Ok(Answer {
             state,
             used: solution.used,
             chi_squared: solution.chi_squared,
+            mount: hung.and_then(|hung| Mount::of(hung.mounting, hung.height)),
         })
     }
 
@@ -160,7 +188,7 @@ impl Calibration {
         let used = self.kept.iter().zip(dropped);
         used.filter(|(_, dropped)| !**dropped)
             .filter_map(move |(kept, _)| {
-                let sighting = sighting(kept, common);
+                let sighting = self.sighting(kept, common);
                 Some(Row {
                     target: sighting.target,
                     target_variance: sighting.target_covariance.trace() * 0.5,
@@ -217,9 +245,10 @@ impl Calibration {
     // for less stack
     #[inline(never)]
     pub(super) fn with_other_lens(&self, lens: &Lens) -> Option<CameraState> {
-        let common = self.common()?;
+        // A camera that is not level may fit another lens.
+        let common = self.common().filter(|_| self.mounting.is_level())?;
         let mut scratch = self.seen(common);
-        let seen = self.kept.iter().map(|kept| sighting(kept, common));
+        let seen = self.kept.iter().map(|kept| self.sighting(kept, common));
         let view = lens.field_of_view_deg.to_radians();
         let other = resection::other_lens(&seen, &mut scratch, lens.projection, view)?;
         let parts = PoseParts::from(other.solution.pose);
@@ -246,8 +275,68 @@ impl Calibration {
     // for less flash
     #[inline(never)]
     fn seen(&self, common: &KeptSighting) -> heapless::Vec<Sighting<f32>, SIGHTINGS> {
-        let seen = self.kept.iter().map(|kept| sighting(kept, common));
+        let seen = self.kept.iter().map(|kept| self.sighting(kept, common));
         seen.collect()
+    }
+
+    /// A sighting weighted by its stop's own error: the common error of most stops and the `common` one moves the
+    /// camera with them. Of a camera that is not level it is turned upright, or worth nothing without its row.
+    fn sighting(&self, kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
+        let (place, seen) = (kept.place, kept.seen);
+        let own = if kept.target == common.target {
+            place.own_covariance(&common.place)
+        } else {
+            place.covariance()
+        };
+        let target = place.position();
+        let (mut ray, mut bearing_sigma) = (seen.ray(), seen.sigma);
+        if !self.mounting.is_level() {
+            bearing_sigma = WORTHLESS;
+            if let Some(elevation) = seen.elevation.radians::<f32>() {
+                let upright = self.mounting.seen(seen.bearing, elevation);
+                (ray.forward, ray.left) = (upright.ahead, upright.left);
+                // The ball bobs by as much as it stands beside its stop.
+                let bob = place.parts().standing_sigma;
+                let away = (target - self.stands).norm_squared().max(f32::MIN_POSITIVE);
+                let of_row = seen.sigma * seen.sigma + bob * bob / away;
+                let by_row = self.mounting.by_elevation(seen.bearing, elevation);
+                bearing_sigma = root(seen.sigma * seen.sigma + by_row * by_row * of_row);
+            }
+        }
+        Sighting {
+            target,
+            ray,
+            bearing_sigma,
+            target_covariance: own,
+        }
+    }
+
+    /// The pose from all sightings, with the mounting that their rows tell.
+    // for less stack
+    #[inline(never)]
+    fn hung(
+        &mut self,
+        common: &KeptSighting,
+        dropped: &mut [bool],
+        tolerance: &Tolerance<f32>,
+    ) -> Result<(Solution<f32>, Pose<f32>), Refusal> {
+        let mut rounds = MOUNTING_ROUNDS;
+        loop {
+            let solution = self.fitted(common, dropped)?;
+            let pose = self.correlated(common, dropped, &solution.pose)?;
+            let better = {
+                let rows = self.rows(common, dropped);
+                level::improved(&pose, &rows, self.mounting, tolerance)
+            };
+            match better {
+                Some(better) if rounds > 0 => {
+                    (self.mounting, self.stands) = (better, pose.position);
+                    dropped.fill(false);
+                    rounds -= 1;
+                }
+                _ => return Ok((solution, pose)),
+            }
+        }
     }
 
     /// The same pose with the common errors of the stops' places.
@@ -267,28 +356,11 @@ impl Calibration {
             .zip(dropped)
             .filter(|(_, dropped)| !**dropped)
         {
-            let has_room = used.push((sighting(kept, common), kept.place)).is_ok()
+            let has_room = used.push((self.sighting(kept, common), kept.place)).is_ok()
                 && targets.push(kept.target).is_ok();
             debug_assert!(has_room, "it has room for all that are kept");
         }
         correlate(pose, &used, |a, b| targets.get(a) == targets.get(b))
-    }
-}
-
-/// A sighting weighted by its stop's own error: the common error of most stops and the `common` one moves the
-/// camera with them.
-fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
-    let place = kept.place;
-    let own = if kept.target == common.target {
-        place.own_covariance(&common.place)
-    } else {
-        place.covariance()
-    };
-    Sighting {
-        target: place.position(),
-        ray: kept.seen.ray(),
-        bearing_sigma: kept.seen.sigma,
-        target_covariance: own,
     }
 }
 

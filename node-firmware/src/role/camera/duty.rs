@@ -354,7 +354,7 @@ impl CameraRole {
         }
         // The camera sees through another lens than all believe: its own result counts.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
-            Some(state) if report.duty.is_none() && solved.state.tilt().is_none() => state,
+            Some(state) if report.duty.is_none() && solved.mount.is_none() => state,
             _ => {
                 let limits = self.config.weak.limits();
                 let is_checked = solved
@@ -381,6 +381,7 @@ impl CameraRole {
                 done: report.duty.is_some() || is_done(&self.config, sightings.into(), &state),
                 joint: solved.joint,
                 state,
+                mount: solved.mount,
                 ..report
             },
         );

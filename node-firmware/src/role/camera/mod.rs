@@ -453,7 +453,11 @@ impl Role for CameraRole {
                 self.device.on_done(done.command);
                 self.tell_done(now, done);
             }
-            CameraEvent::Tracked(tracked) => self.stream.on_frame(now, tracked),
+            CameraEvent::Tracked(tracked) => {
+                let report = self.progress.report();
+                let seen = tracked.seen.and_then(|seen| report.upright(seen));
+                self.stream.on_frame(now, Tracked { seen, ..tracked });
+            }
             CameraEvent::Learnt(colour, window) => {
                 if self.colours.on_learnt(colour, window) {
                     self.unsaved.insert(FactKey::Colours);

@@ -107,6 +107,7 @@ const fn nothing_known(id: u16) -> Report {
         done: false,
         joint: None,
         state: CameraState::Waiting,
+        mount: None,
     }
 }
 

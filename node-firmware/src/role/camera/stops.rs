@@ -234,7 +234,7 @@ impl CameraRole {
         let stopped = look.stopped;
         let seen = look.seen.filter(|_| look.sight == Sight::InView);
         if let Some(seen) = seen.filter(|_| stopped.frame == CoordinateFrame::Site) {
-            self.watch(now, &stopped.place, &seen);
+            self.watch(now, &stopped.place, seen);
         }
         if let Some(seen) = seen.filter(|_| self.needs(&stopped)) {
             self.has_forgotten = false;
@@ -270,8 +270,11 @@ impl CameraRole {
     /// the camera was moved, or the target is not where it believes.
     // for less stack
     #[inline(never)]
-    fn watch(&mut self, now: Instant, place: &Place<f32>, seen: &Seen) {
+    fn watch(&mut self, now: Instant, place: &Place<f32>, seen: Seen) {
         let report = *self.progress.report();
+        let Some(seen) = report.upright(seen) else {
+            return;
+        };
         let is_told = report.joint.is_some() || report.duty.is_some();
         let Some((held, pose)) = report.pose().and_then(|held| Some((*held, held.pose()?))) else {
             return;
@@ -329,8 +332,8 @@ impl CameraRole {
         let other_lens = self.calibration.with_other_lens(&self.config.lens);
         if report.joint.is_some() {
             // The result of all measurements is not replaced by that of some of them.
-            // A camera that is tilted may fit another lens.
-            if let Some(state) = other_lens.filter(|_| report.state.tilt().is_none()) {
+            // A camera that is not level may fit another lens.
+            if let Some(state) = other_lens.filter(|_| report.mount.is_none()) {
                 self.update(
                     now,
                     Report {
@@ -345,8 +348,7 @@ impl CameraRole {
         let answer = self
             .calibration
             .solve(&self.config.weak.limits(), &self.config.lens_sigma);
-        let state =
-            { other_lens.filter(|_| answer.state.tilt().is_none()) }.unwrap_or(answer.state);
+        let state = { other_lens.filter(|_| answer.mount.is_none()) }.unwrap_or(answer.state);
         let count = self.calibration.count();
         self.update(
             now,
@@ -356,6 +358,7 @@ impl CameraRole {
                 chi_squared: answer.chi_squared,
                 done: is_done(&self.config, count, &state),
                 state,
+                mount: answer.mount,
                 ..report
             },
         );
@@ -373,6 +376,9 @@ impl CameraRole {
     ) {
         let stop = stopped.stop;
         if let Some(pose) = self.progress.pose() {
+            let Some(seen) = self.progress.report().upright(seen) else {
+                return;
+            };
             let bearing = Message::Bearing(StopBearing {
                 target,
                 stop,

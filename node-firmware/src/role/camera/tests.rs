@@ -347,6 +347,7 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
         done: false,
         joint: None,
         state: CameraState::Calibrated(pose),
+        mount: None,
     };
     let with = |change: fn(&mut PoseParts)| {
         let mut pose = pose;
@@ -1199,6 +1200,7 @@ fn report_of(position: [f32; 2], heading: f32) -> Report {
             heading: 0.01,
         }),
         state,
+        mount: None,
     }
 }
 

@@ -367,6 +367,7 @@ fn weak(id: u16) -> Report {
         done: false,
         joint: None,
         state: crate::message::CameraState::Weak(pose),
+        mount: None,
     }
 }
 
@@ -464,6 +465,7 @@ fn the_lamp_says_whether_a_camera_is_calibrated() {
             done: false,
             joint: None,
             state,
+            mount: None,
         };
         role.on_message(at(40), ShortAddress(address), &Message::Report(report));
         let expected = matches!(state, Calibrated(_));

@@ -164,6 +164,7 @@ mod tests {
                 heading,
                 covariance: [variance, 0.0, variance, 0.0, 0.0, variance],
             }),
+            mount: None,
         }
     }
 

@@ -13,7 +13,7 @@ use calib_core::{
         BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
         JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, is_consensus,
     },
-    level::{Levelness, Tolerance},
+    level::Levelness,
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
@@ -23,7 +23,8 @@ use crate::{
     limits::{ESTIMATED_STOPS, WALK_BEARINGS},
     log::debug,
     message::{
-        CameraState, Duty, MemberAddress, PoseParts, ProtectionLevel, Report, Seen, StopNumber,
+        CameraState, Duty, MemberAddress, Mount, PoseParts, ProtectionLevel, Report, Seen,
+        StopNumber,
     },
     role::{CONTRADICTION, Unsaved, contradiction, is_news},
 };
@@ -152,8 +153,6 @@ pub(super) struct Estimate<'m> {
     /// Direction of the sensor's x axis in the frame of the site before anything is estimated, and
     /// its sigma.
     sensor: Option<(f32, f32)>,
-    /// Tolerance of the test whether cameras are level.
-    tolerance: Tolerance<f32>,
     /// There is something that the last solve did not have.
     pub(super) is_new: bool,
 }
@@ -185,10 +184,6 @@ impl<'m> Estimate<'m> {
             rejected: None,
             failed: heapless::Vec::new(),
             sensor: None,
-            tolerance: Tolerance {
-                tilt: 0.0,
-                bob: 0.0,
-            },
             is_new: false,
         })
     }
@@ -427,12 +422,12 @@ impl<'m> Estimate<'m> {
         let Some((scale, compass)) = self.priors(&frame, config) else {
             return;
         };
-        self.tolerance = config.lens_sigma.tolerance(config.standing_sigma);
         let [focal, principal] = config.lens_sigma.of_tangent();
         let settings = JointSettings {
             scale,
             compass,
             standing: config.standing_sigma,
+            tilt: config.lens_sigma.tilt_deg.to_radians(),
             lens: Some(focal),
             principal: Some(principal),
             is_baseline_known: frame.is_baseline_known(),
@@ -588,16 +583,16 @@ impl<'m> Estimate<'m> {
             debug!("a reference is not where it was");
             self.rejected = Some(worst.address);
         }
-        // References that are not level spoil the frame of all others.
-        let is_frame_tilted = (0..frame.references.len()).any(|reference| {
-            let found = self.levelness(reference, solution);
-            found.is_some_and(|found| found.is_refused())
-        });
+        // References of which rows contradict any mounting spoil the frame of all others.
+        let inflation = solution.fit.inflation();
+        let hung = [0, 1].map(|reference| self.estimator.levelness(reference, inflation));
+        let is_frame_refused = { hung.iter().flatten() }.any(Levelness::is_refused);
+        let frame = frame.hung(hung.map(|found| found.map_or(0.0, |found| found.shift_variance)));
         let again = core::mem::take(&mut self.again);
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
-            let Some(mut report) = self.report(camera, &frame, solution, is_frame_tilted) else {
+            let Some(mut report) = self.report(camera, &frame, solution, is_frame_refused) else {
                 continue;
             };
             if !is_believed {
@@ -693,16 +688,6 @@ impl<'m> Estimate<'m> {
         votes
     }
 
-    /// The test of a camera's rows.
-    fn levelness(
-        &mut self,
-        camera: usize,
-        solution: &JointSolution<f32>,
-    ) -> Option<Levelness<f32>> {
-        let inflation = solution.fit.inflation();
-        (self.estimator).levelness(camera, &self.tolerance, inflation)
-    }
-
     /// Report for a camera. A moved camera is at its new place; before that place is known, its former pose
     /// is doubtful.
     // for less stack
@@ -712,7 +697,7 @@ impl<'m> Estimate<'m> {
         camera: usize,
         frame: &Frame,
         solution: &JointSolution<f32>,
-        is_frame_tilted: bool,
+        is_frame_refused: bool,
     ) -> Option<Report> {
         let known = *self
             .cameras
@@ -727,8 +712,9 @@ impl<'m> Estimate<'m> {
             Some(moved) => moved,
             None => (camera, self.estimator.pose(camera).ok()?),
         };
-        let found = self.levelness(camera, solution);
-        let widened = found.map_or_else(Matrix3::zeros, |found| found.widen());
+        let inflation = solution.fit.inflation();
+        let hung = self.estimator.levelness(camera, inflation);
+        let widened = hung.map_or_else(Matrix3::zeros, |hung| hung.widening);
         let protection = self.estimator.protection(camera).map(|levels| {
             let level = ProtectionLevel::from(levels);
             let place = frame.covariance(pose.position).trace() + widened.m11 + widened.m22;
@@ -754,11 +740,8 @@ impl<'m> Estimate<'m> {
         let is_outvoted = !is_consensus(count, came, true);
         let is_doubtful =
             is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
-        let tilt = { found.filter(Levelness::is_refused) }
-            .and_then(|_| self.estimator.mounting(camera, &self.tolerance));
-        let state = if let Some(tilt) = tilt {
-            CameraState::Tilted(parts, tilt.into())
-        } else if solution.fit.is_bad() || is_doubtful || is_frame_tilted {
+        let is_refused = is_frame_refused || hung.is_some_and(|hung| hung.is_refused());
+        let state = if solution.fit.is_bad() || is_doubtful || is_refused {
             CameraState::Doubtful(parts)
         } else {
             CameraState::Weak(parts)
@@ -776,6 +759,7 @@ impl<'m> Estimate<'m> {
                     .unwrap_or(ProtectionLevel::NONE),
             ),
             state,
+            mount: hung.and_then(|hung| Mount::of(hung.mounting, hung.height)),
         })
     }
 

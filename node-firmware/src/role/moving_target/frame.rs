@@ -72,6 +72,8 @@ pub(super) struct Frame {
     errors: Errors,
     /// Sigmas of the places that were given to references.
     survey: SurveySigma,
+    /// Variances of their places by pitches that are not known exactly.
+    hung: [f32; 2],
 }
 
 /// Errors of the way into the frame of the site.
@@ -124,6 +126,7 @@ impl Frame {
                 Errors::References(sigmas)
             },
             survey: SurveySigma::EXACT,
+            hung: [0.0; 2],
         })
     }
 
@@ -136,6 +139,11 @@ impl Frame {
             SurveySigma::EXACT
         };
         Self { survey, ..self }
+    }
+
+    /// The same frame, whose references seem to stand elsewhere by pitches that are not known exactly: variances.
+    pub(super) fn hung(self, hung: [f32; 2]) -> Self {
+        Self { hung, ..self }
     }
 
     /// The same cameras, and the frame of the site where the target says that it is: at its stop of arrival
@@ -287,7 +295,8 @@ impl Frame {
     /// Variances of the references' places, along each axis.
     fn place_variances(&self, sigmas: &[f32; 2]) -> [f32; 2] {
         let surveyed = self.survey.position * self.survey.position;
-        sigmas.map(|sigma| sigma * sigma * 0.5 + surveyed)
+        let [[a, b], [first, second]] = [sigmas.map(|sigma| sigma * sigma * 0.5), self.hung];
+        [a + surveyed + first, b + surveyed + second]
     }
 
     fn turn(&self) -> Matrix2<f32> {

@@ -207,6 +207,7 @@ fn a_camera_that_is_done_is_asked_where_the_target_is_lost() {
         done: true,
         joint: None,
         state: CameraState::Waiting,
+        mount: None,
     };
     let mut unsaved = Unsaved::new();
     table.report(1, report, &mut unsaved);

@@ -165,6 +165,7 @@ pub(super) fn filled(walk: &Walk, limits: &Limits<f64>, [scale, compass]: [f64; 
             sigma: compass as f32,
         },
         standing: 0.0,
+        tilt: 0.0,
         lens: None,
         principal: None,
         is_baseline_known: true,

@@ -166,6 +166,7 @@ fn sightings(walk: &Walk) -> Sightings {
                 camera: number(seen.camera),
                 bearing_deg: seen.bearing.to_degrees(),
                 sigma_deg: seen.sigma.to_degrees(),
+                elevation_deg: None,
             })
             .collect(),
         legs: { walk.legs.iter().enumerate() }

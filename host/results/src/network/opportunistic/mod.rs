@@ -336,6 +336,7 @@ fn told(
             checked: false,
             lens: None,
             mirrored: false,
+            mount: None,
             bearings: own().count(),
             used: own()
                 .filter(|s| s.counts && scene.is_in_front(s).is_some())

@@ -45,6 +45,7 @@ impl Room {
                         camera,
                         bearing_deg: (bearing + SIGMA * normal(rng)).to_degrees(),
                         sigma_deg: SIGMA.to_degrees(),
+                        elevation_deg: None,
                     });
                 }
             }

@@ -8,6 +8,7 @@ use calib_core::{
     Limits, Ray, Refusal, angle,
     intersection::{self, StationBearing},
     joint::{JointError, JointSettings, Leg, Lens, Prior, Quantity},
+    level::Elevation,
 };
 use nalgebra::{Matrix2, Point2, Vector2};
 
@@ -115,6 +116,9 @@ impl<'a> Walk<'a> {
                 quantity: Quantity::Bearing,
                 value: seen.bearing_deg.to_radians(),
                 sigma: seen.sigma_deg.to_radians(),
+                elevation: { seen.elevation_deg }.map_or(Elevation::UNKNOWN, |above| {
+                    Elevation::from_radians(above.to_radians() as f32)
+                }),
             })
         });
         let ranges = own_ranges().filter_map(|far| {
@@ -124,6 +128,7 @@ impl<'a> Walk<'a> {
                 quantity: Quantity::Range,
                 value: far.range,
                 sigma: far.sigma,
+                elevation: Elevation::UNKNOWN,
             })
         });
         let mut bearings: Vec<_> = bearings.chain(ranges).collect();
@@ -229,6 +234,7 @@ impl<'a> Walk<'a> {
                 sigma: heading.map_or(VAGUE, |_| compass_sigma),
             },
             standing: self.carrier().standing_sigma,
+            tilt: self.sightings.tilt_sigma_deg.to_radians(),
             lens: self.sightings.lens.map(|lens| lens.sigma),
             principal: { self.sightings.lens }.map(|lens| lens.principal_deg.to_radians()),
             is_baseline_known,

@@ -13,7 +13,7 @@ use crate::network::{
     estimator::{Output, Seen},
     limits, standing,
 };
-use crate::record::Estimate;
+use crate::record::{Estimate, NodeMount};
 
 impl Walk<'_> {
     pub(super) fn told(
@@ -177,6 +177,7 @@ impl Walk<'_> {
             checked: false,
             lens: None,
             mirrored: false,
+            mount: None,
             bearings: own().count(),
             used: used.count(),
         };
@@ -207,7 +208,12 @@ impl Walk<'_> {
             let limits = limits(settings, part.input.baseline);
             told.checked = told.protection.is_some_and(|level| limits.tolerate(&level));
             let is_outvoted = !is_consensus(told.used, told.bearings, told.checked);
-            let contradicts = is_bad || told.mirrored || is_outvoted || has_moved;
+            // Rows that contradict any mounting; those of a reference spoil all poses.
+            let is_refused =
+                |camera: usize| output.mounts[camera].is_some_and(|mount| mount.is_refused());
+            let hangs_on = [0, 1, camera].into_iter().any(is_refused);
+            told.mount = output.mounts[camera].and_then(|mount| NodeMount::of(&mount));
+            let contradicts = is_bad || told.mirrored || is_outvoted || has_moved || hangs_on;
             let is_weak = { settings.max_sigma }
                 .is_some_and(|most| !reference && pose.sigma_position() > most);
             (told.status, told.reason) = if contradicts || is_other {

@@ -14,7 +14,7 @@ use nalgebra::{Isometry2, Point2};
 use node_firmware::message::{Eye, Health};
 
 use super::{
-    Node, NodeLens, NodeTilt, Protection, Role, RunRecord, checks,
+    Node, NodeLens, NodeMount, Protection, Role, RunRecord, checks,
     next_stop::{Proposed, Wish},
 };
 
@@ -121,7 +121,7 @@ pub enum Trouble {
     /// Its sightings contradict the configured lens, and fit this one.
     OtherLens(NodeLens),
     /// It is not level: its rows tell how it hangs.
-    Tilted(NodeTilt),
+    Tilted(NodeMount),
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -294,9 +294,10 @@ impl Verdict {
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
         common.extend(networks.missing(record).map(Common::Reference));
-        let tilted = record
-            .cameras()
-            .filter(|camera| camera.reference && camera.tilt.is_some());
+        let tilted = record.cameras().filter(|camera| {
+            let is_doubtful = camera.status == Some(Status::Doubtful);
+            camera.reference && camera.mount.is_some() && is_doubtful
+        });
         common.extend(tilted.map(|camera| Common::TiltedReference(camera.id)));
         let (mut to_check, mut instead) = (Vec::new(), Vec::new());
         for network in record.networks.iter().map(|network| network.network) {
@@ -505,8 +506,8 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
     };
     let sigma_position = estimate.sigma_position();
     match camera.status {
-        Some(Status::Doubtful) if let Some(tilt) = camera.tilt => {
-            troubles.push(Trouble::Tilted(tilt));
+        Some(Status::Doubtful) if let Some(mount) = camera.mount => {
+            troubles.push(Trouble::Tilted(mount));
         }
         Some(Status::Doubtful) if let Some(lens) = camera.lens => {
             troubles.push(Trouble::OtherLens(lens));

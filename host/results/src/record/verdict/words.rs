@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt};
 use calib_core::{Refusal, Status, camera::Projection};
 use node_firmware::message::{Eye, Health, Memory, Restart};
 
-use crate::record::NodeTilt;
+use crate::record::NodeMount;
 
 use super::{
     Cause, Common, Failing, Finding, Gain, Gained, InView, Instead, NextStop, Protection, Role,
@@ -188,7 +188,9 @@ impl Finding {
                     lens.fov_deg
                 )
             }
-            Trouble::Tilted(NodeTilt { pitch_deg, height }) => {
+            Trouble::Tilted(NodeMount {
+                pitch_deg, height, ..
+            }) => {
                 let down = if *pitch_deg < 0.0 { "up" } else { "down" };
                 write!(
                     f,
