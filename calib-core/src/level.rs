@@ -53,6 +53,8 @@ const STEEPEST: f64 = 1.047;
 /// Share of the chi squared of one in a thousand up to which a camera is taken for level. A level one whose pitch is
 /// found from its rows loses little.
 const AS_LEVEL: f64 = 0.5;
+/// The same of one that was not: so none goes to and fro.
+const LEVEL_AGAIN: f64 = 0.2;
 /// Changes of pitch and roll that are none, radians: a hundredth of what a bracket is off.
 const SETTLED: f64 = 3e-4;
 
@@ -235,15 +237,11 @@ impl<T: Real> Levelness<T> {
         } = self.fit;
         if self.mounting.is_level() {
             // Rows that fit less well tell a pitch.
-            return degrees_of_freedom > 0 && !(chi_squared <= most_as_level(degrees_of_freedom));
+            let most = one_in_a_thousand::<T>(degrees_of_freedom) * lit(AS_LEVEL);
+            return degrees_of_freedom > 0 && !(chi_squared <= most);
         }
         degrees_of_freedom == 0 || self.fit.is_bad() || self.mounting.pitch.abs() >= lit(STEEPEST)
     }
-}
-
-/// Chi squared of rows up to which a camera is taken for level.
-fn most_as_level<T: Real>(degrees_of_freedom: usize) -> T {
-    one_in_a_thousand::<T>(degrees_of_freedom) * lit(AS_LEVEL)
 }
 
 /// Judges a pose in the plane that was found with this mounting. `None` where nothing is to be tested: without a
@@ -298,7 +296,12 @@ pub fn improved<T: Real>(
     tolerance: &Tolerance<T>,
 ) -> Option<Mounting<T>> {
     let as_level = settled(pose, rows, mounting, tolerance, tolerance.tilt)?;
-    let most = most_as_level(as_level.rows.checked_sub(1)?);
+    let share = if mounting.is_level() {
+        AS_LEVEL
+    } else {
+        LEVEL_AGAIN
+    };
+    let most = one_in_a_thousand::<T>(as_level.rows.checked_sub(1)?) * lit(share);
     if as_level.rows < FEWEST || as_level.chi_squared <= most {
         return (!mounting.is_level()).then(Mounting::level);
     }

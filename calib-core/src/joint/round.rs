@@ -153,15 +153,17 @@ impl<T: Real> Work<T> {
     }
 
     fn after_solve(&mut self, problem: &mut Problem<'_, T>) -> Result<Progress<T>, JointError> {
+        // Bearings of cameras that are not level contradict each other until they are turned upright.
+        let is_there = matches!(self.solved, Ok(_) | Err(Refusal::DidNotConverge));
+        if is_there && self.mounting_rounds > 0 && problem.improve_mountings() {
+            self.mounting_rounds -= 1;
+            self.stage = Stage::Settling(problem.begin_settling());
+            return Ok(Progress::Working);
+        }
         match self.solved {
             // Contradictions may keep it from coming to an end.
             Err(Refusal::DidNotConverge) if self.round.findings > 0 => {}
             Err(why) => return Err(JointError::Solve(why)),
-            Ok(_) if self.mounting_rounds > 0 && problem.improve_mountings() => {
-                self.mounting_rounds -= 1;
-                self.stage = Stage::Settling(problem.begin_settling());
-                return Ok(Progress::Working);
-            }
             Ok(solution) => {
                 let Round {
                     findings,

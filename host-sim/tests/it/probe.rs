@@ -679,7 +679,7 @@ fn what_is_cut_off_or_not_there_is_not_recorded() {
     let record = ["--record", &file, "--at", "1,2", "--packets", "3"];
     let text = failure(&camera.arguments(&[&record[..], &["--colour", ORANGE]].concat())[1..]);
     assert!(
-        text.contains("cut off by the left or right border"),
+        text.contains("cut off by the border of the picture"),
         "{text}"
     );
     let text = failure(
@@ -1031,7 +1031,11 @@ fn a_pixy2_has_one_rate() {
 fn a_pixy2() {
     let files = Files::new();
     let port = files.path("pixy");
-    let camera = Pixy2::start(&["--pty", &port]);
+    // All of it in a picture that is less tall than a CMUcam2's.
+    let usual = include_str!("../../../host/cmucam2-emulator/scenes/orange-ball.toml");
+    let scene = files.path("ball.toml");
+    std::fs::write(&scene, usual.replace("radius = 0.2", "radius = 0.15")).unwrap();
+    let camera = Pixy2::start(&["--pty", &port, "--scene", &scene]);
     let probe = |more: &[&str]| {
         let all = [
             "probe", "--camera", "pixy2", "--port", &port, "--baud", "19200",

@@ -296,13 +296,15 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         let subject = self.subject.ok_or(VisionError::NotBegun)?;
         let tracking = self.camera.next_tracking().run().await;
         let tracking = self.taken(tracking)?;
+        // What moves need not be whole.
+        let is_whole = !matches!(subject, Subject::Motion { .. });
         let rows = Rows {
             count: self.rows,
             per_column: ROWS_PER_COLUMN,
         };
         let blob = tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject)));
         Ok(blob.map(|blob| Blob {
-            rows: Some(rows),
+            rows: is_whole.then_some(rows),
             ..blob
         }))
     }

@@ -204,7 +204,7 @@ fn golden() -> Vec<(Message, String)> {
         ),
         (
             Message::Report(report(None, CameraState::Waiting)),
-            format!("0a0b000403{TWO}010000"),
+            format!("0a0b000403{TWO}01000000"),
         ),
         (
             Message::Report(report(Some(Duty::First), CameraState::Calibrated(pose()))),
@@ -322,7 +322,7 @@ fn golden() -> Vec<(Message, String)> {
         let report = report(Some(Duty::Second), CameraState::Refused(refusal));
         all.push((
             Message::Report(report),
-            format!("0a0b01010403{TWO}010001{n:02x}"),
+            format!("0a0b01010403{TWO}010001{n:02x}00"),
         ));
     }
     let commands = [

@@ -408,12 +408,19 @@ impl CameraRole {
         match solved {
             Ok(answer) => {
                 let limits = self.config.weak.limits();
-                let [first, second] = answer.poses.map(|pose| Report {
-                    sightings: answer.stops as u8,
-                    used: answer.stops as u8,
-                    chi_squared: answer.fit.chi_squared,
-                    state: CameraState::judged(pose, &answer.fit, &limits),
-                    ..report
+                let [first, second] = [0, 1].map(|n| {
+                    let (pose, mount) = (answer.poses.get(n), answer.mounts.get(n));
+                    let state = pose.map_or(CameraState::Waiting, |pose| {
+                        CameraState::judged(*pose, &answer.fit, &limits)
+                    });
+                    Report {
+                        sightings: answer.stops as u8,
+                        used: answer.stops as u8,
+                        chi_squared: answer.fit.chi_squared,
+                        state,
+                        mount: mount.copied().flatten(),
+                        ..report
+                    }
                 });
                 let location = (answer.target, answer.located);
                 self.duty.on_solved(second, location, &mut self.unsaved);

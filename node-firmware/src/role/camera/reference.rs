@@ -1,9 +1,10 @@
 //! The reference solve on the first reference camera (thesis 2.6.1).
 
 use calib_core::{
-    Refusal, angle,
+    Ray, Refusal, angle,
     dead_reckoning::Place,
     fit::Fit,
+    level::{self, Mounting, Row, Tolerance},
     reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
 use nalgebra::{Matrix2, Point2, RealField};
@@ -14,7 +15,9 @@ use crate::{
     config::CameraConfig,
     facts::ReferenceStop,
     limits::REFERENCE_STOPS,
-    message::{MemberAddress, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
+    message::{
+        MemberAddress, Mount, PoseParts, References, Seen, StopNumber, TargetLocation, triangle,
+    },
 };
 
 /// A stop of a target is told late if only later stops, up to so many, are known. Numbers farther back are
@@ -38,11 +41,14 @@ pub(super) struct ReferenceFrame {
     baseline: Option<f32>,
     /// Direction of the step sensor's x axis against the baseline, if known.
     sensor_heading: Option<f32>,
+    /// Standard deviation of the pitch and roll of level cameras, radians.
+    tilt: f32,
 }
 
 impl ReferenceFrame {
     pub(super) fn new(references: &References, config: &CameraConfig) -> Self {
         let sensor_heading = config.frame_heading_deg.map(f32::to_radians);
+        let tilt = config.lens_sigma.tilt_deg.to_radians();
         match references.positions {
             Some([first, second]) => {
                 let between = Point2::from(second) - Point2::from(first);
@@ -51,6 +57,7 @@ impl ReferenceFrame {
                     direction: RealField::atan2(between.y, between.x),
                     baseline: Some(root(between.norm_squared())),
                     sensor_heading,
+                    tilt,
                 }
             }
             None => Self {
@@ -58,6 +65,7 @@ impl ReferenceFrame {
                 direction: 0.0,
                 baseline: config.baseline,
                 sensor_heading,
+                tilt,
             },
         }
     }
@@ -77,6 +85,26 @@ impl ReferenceFrame {
 #[derive(Clone, Debug)]
 pub(super) struct ReferenceStops {
     stops: Kept<ReferenceStop, REFERENCE_STOPS>,
+    /// Pitch and roll of both, by which what they see is turned upright.
+    mountings: [Mounting<f32>; 2],
+}
+
+/// Both as they should hang.
+const LEVEL: [Mounting<f32>; 2] = [Mounting {
+    pitch: 0.0,
+    roll: 0.0,
+}; 2];
+
+/// Times that both mountings are improved.
+const MOUNTING_ROUNDS: usize = 8;
+
+/// Stops as the solve takes them, and what both saw there.
+#[derive(Default)]
+struct WalkOfBoth {
+    stops: heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
+    seen: heapless::Vec<[Seen; 2], REFERENCE_STOPS>,
+    /// Standing sigma of the target.
+    standing: f32,
 }
 
 impl OfStop for ReferenceStop {
@@ -109,6 +137,7 @@ enum Attempt {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
     pub(super) poses: [PoseParts; 2],
+    pub(super) mounts: [Option<Mount>; 2],
     pub(super) target: MemberAddress,
     pub(super) located: TargetLocation,
     pub(super) stops: usize,
@@ -117,7 +146,10 @@ pub(super) struct Answer {
 
 impl ReferenceStops {
     pub(super) const fn new() -> Self {
-        Self { stops: Kept::new() }
+        Self {
+            stops: Kept::new(),
+            mountings: LEVEL,
+        }
     }
 
     pub(super) fn clear(&mut self) {
@@ -212,14 +244,14 @@ impl ReferenceStops {
     }
 
     /// The walk of which both saw most stops: there may be several targets. Its target, its last
-    /// stop, and in `stops` those of its last ones that the attempt takes, as the solve takes them.
+    /// stop, and in `of_both` those of its last ones that the attempt takes, as the solve takes them.
     // for less stack
     #[inline(never)]
     fn walk(
         &self,
         wanted: usize,
         attempt: Attempt,
-        stops: &mut heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
+        of_both: &mut WalkOfBoth,
     ) -> Result<(MemberAddress, StopNumber), NotYet> {
         let complete = |kept: &ReferenceStop| {
             let place = kept.place?;
@@ -270,8 +302,13 @@ impl ReferenceStops {
             };
             let (from, covariance) =
                 core::mem::replace(&mut before, (place.position(), from_first));
-            let has_room = stops.push(Stop {
-                rays: seen.map(|seen| seen.ray()),
+            let [first, second] = *seen;
+            let [one, other] = self.mountings;
+            let has_seen = of_both.seen.push(*seen).is_ok();
+            debug_assert!(has_seen, "as many as there are stops");
+            of_both.standing = place.parts().standing_sigma;
+            let has_room = of_both.stops.push(Stop {
+                rays: [upright(&first, one), upright(&second, other)],
                 bearing_sigmas: seen.map(|seen| seen.sigma),
                 displacement: place.position() - from,
                 displacement_covariance: from_first - covariance,
@@ -289,11 +326,23 @@ impl ReferenceStops {
     /// freedom, without which anything fits. Where all of [`LAST_RESORT`] stops or more and the last
     /// of them contradict each other, it is rather a lens or a sigma that is wrong, as it is at every
     /// stop: the answer is taken with sigmas as large as the residuals say.
-    pub(super) fn solve(&self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
-        match self.attempt(frame, wanted, Attempt::All) {
-            Err(NotYet::Refused(Refusal::Inconsistent)) => {}
-            answer => return answer,
+    pub(super) fn solve(
+        &mut self,
+        frame: &ReferenceFrame,
+        wanted: usize,
+    ) -> Result<Answer, NotYet> {
+        self.mountings = LEVEL;
+        for round in 0..=MOUNTING_ROUNDS {
+            match self.attempt(frame, wanted, Attempt::All) {
+                Err(NotYet::Refused(Refusal::Inconsistent)) => {}
+                answer => return answer,
+            }
+            // Cameras that are not level contradict each other until their rows are used.
+            if round == MOUNTING_ROUNDS || !self.improve(frame, wanted) {
+                break;
+            }
         }
+        self.mountings = LEVEL;
         let few = wanted.max(frame.fewest_to_check());
         for attempt in [Attempt::Last(few), Attempt::LastResort] {
             // People should hear of the contradiction.
@@ -312,21 +361,104 @@ impl ReferenceStops {
         wanted: usize,
         attempt: Attempt,
     ) -> Result<Answer, NotYet> {
-        let mut stops = heapless::Vec::new();
-        let (target, last) = self.walk(wanted, attempt, &mut stops)?;
-        let known = Known {
-            baseline: frame.baseline,
-            frame_heading: frame.sensor_heading,
-        };
-        let best = decided(&stops, &known, attempt)?;
-        let (poses, located) = in_frame_of_site(&best, &stops, last, frame)?;
+        let mut of_both = WalkOfBoth::default();
+        let (target, last) = self.walk(wanted, attempt, &mut of_both)?;
+        let best = decided(&of_both.stops, &frame.known(), attempt)?;
+        let (poses, located) = in_frame_of_site(&best, &of_both.stops, last, frame)?;
+        let hung = of_both.rows(&best);
+        let tolerance = of_both.tolerance(frame);
+        let mut mounts = [None; 2];
+        for (((mount, pose), rows), mounting) in { mounts.iter_mut() }
+            .zip(best.poses(Point2::origin(), 0.0))
+            .zip(&hung)
+            .zip(self.mountings)
+        {
+            let judged = level::judge(&pose, &rows.iter().copied(), mounting, &tolerance);
+            *mount = judged.and_then(|judged| Mount::of(mounting, judged.height));
+        }
         Ok(Answer {
             poses,
+            mounts,
             target,
             located,
-            stops: stops.len(),
+            stops: of_both.stops.len(),
             fit: best.fit(),
         })
+    }
+
+    /// Takes better mountings of both, if their rows tell any: of the best answer, though the stops contradict it.
+    // for less stack
+    #[inline(never)]
+    fn improve(&mut self, frame: &ReferenceFrame, wanted: usize) -> bool {
+        let mut of_both = WalkOfBoth::default();
+        let settings = ReferenceSettings::default();
+        let solved = self.walk(wanted, Attempt::All, &mut of_both).is_ok();
+        let solved = solved.then(|| reference::solve(&of_both.stops, &frame.known(), &settings));
+        let Some(Ok(outcome)) = solved else {
+            return false;
+        };
+        let poses = outcome.best.poses(Point2::origin(), 0.0);
+        let hung = of_both.rows(&outcome.best);
+        let tolerance = of_both.tolerance(frame);
+        let mut is_better = false;
+        for ((mounting, pose), rows) in self.mountings.iter_mut().zip(poses).zip(&hung) {
+            let rows = rows.iter().copied();
+            if let Some(better) = level::improved(&pose, &rows, *mounting, &tolerance) {
+                *mounting = better;
+                is_better = true;
+            }
+        }
+        is_better
+    }
+}
+
+impl WalkOfBoth {
+    /// The rows of both cameras, in the frame between them.
+    fn rows(&self, best: &ReferenceSolution<f32>) -> [heapless::Vec<Row<f32>, REFERENCE_STOPS>; 2] {
+        let mut all = [heapless::Vec::new(), heapless::Vec::new()];
+        for ((target, covariance), seen) in best.places(&self.stops).zip(&self.seen) {
+            for (rows, seen) in all.iter_mut().zip(seen) {
+                if let Some(elevation) = seen.elevation.radians() {
+                    let has_room = rows.push(Row {
+                        target,
+                        target_variance: covariance.trace() * 0.5,
+                        bearing: seen.bearing,
+                        elevation,
+                        sigma: seen.sigma,
+                    });
+                    debug_assert!(has_room.is_ok(), "as many as there are stops");
+                }
+            }
+        }
+        all
+    }
+
+    fn tolerance(&self, frame: &ReferenceFrame) -> Tolerance<f32> {
+        Tolerance {
+            tilt: frame.tilt,
+            bob: self.standing,
+        }
+    }
+}
+
+impl ReferenceFrame {
+    fn known(&self) -> Known<f32> {
+        Known {
+            baseline: self.baseline,
+            frame_heading: self.sensor_heading,
+        }
+    }
+}
+
+/// What a camera with this mounting sees, as a level one would. Without its row it stays as it is.
+fn upright(seen: &Seen, mounting: Mounting<f32>) -> Ray<f32> {
+    let Some(elevation) = seen.elevation.radians().filter(|_| !mounting.is_level()) else {
+        return seen.ray();
+    };
+    let upright = mounting.seen(seen.bearing, elevation);
+    Ray {
+        forward: upright.ahead,
+        left: upright.left,
     }
 }
 

@@ -44,7 +44,7 @@ pub enum Look {
     Steady(Seen),
     /// Nothing of the subject is in view.
     Nothing,
-    /// It is cut off by the left or right border.
+    /// It is cut off by the border.
     Clipped,
     /// It is partly hidden, or joined by something else.
     Lopsided,

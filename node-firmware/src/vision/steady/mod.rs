@@ -135,7 +135,7 @@ pub enum Unsteady {
         /// Frames in all.
         frames: u16,
     },
-    /// The blob reaches the left or right border.
+    /// The blob reaches the left or right border; a round one also the upper or lower one.
     Clipped,
     /// The middles are too far apart.
     Moving {
@@ -161,7 +161,7 @@ impl fmt::Display for Unsteady {
                  ({lost} of {frames} packets were empty)"
             ),
             Self::Clipped => f.write_str(
-                "the object is cut off by the left or right border, so its middle is not to be \
+                "the object is cut off by the border of the picture, so its middle is not to be \
                  seen: move it or the camera, or take a smaller object",
             ),
             Self::Moving { from, to } => write!(
@@ -213,8 +213,7 @@ impl<const N: usize> Steadiness<N> {
     pub fn is_unanimous(&self) -> bool {
         let all = |wanted: &dyn Fn(&Option<Blob>) -> bool| self.window.iter().all(wanted);
         self.window.len() >= self.frames
-            && (all(&Option::is_none)
-                || all(&|blob| blob.is_some_and(|blob| blob.is_clipped(self.columns))))
+            && (all(&Option::is_none) || all(&|blob| blob.is_some_and(|blob| self.is_cut(&blob))))
     }
 
     fn judge(&self) -> Result<Steady, Unsteady> {
@@ -231,7 +230,7 @@ impl<const N: usize> Steadiness<N> {
                 frames: frames as u16,
             });
         }
-        let whole = || seen().filter(|blob| !blob.is_clipped(self.columns));
+        let whole = || seen().filter(|blob| !self.is_cut(blob));
         if frames - lost - whole().count() > allowed {
             return Err(Unsteady::Clipped);
         }
@@ -274,7 +273,7 @@ impl<const N: usize> Steadiness<N> {
 
     /// The object of one frame for itself, which may move. `None`: it is cut off or partly hidden.
     pub fn glance(&self, blob: &Blob) -> Option<Glance> {
-        if blob.is_clipped(self.columns) {
+        if self.is_cut(blob) {
             return None;
         }
         let unit = blob.cell_width;
@@ -302,6 +301,13 @@ impl<const N: usize> Steadiness<N> {
             confidence: blob.confidence,
         };
         Some(Glance { steady, is_wide })
+    }
+
+    /// Returns true if the border cuts a part off: of a round object at any side, for its row counts too.
+    fn is_cut(&self, blob: &Blob) -> bool {
+        let is_round = self.shape != Shape::Any;
+        let is_high_enough = blob.rows.is_none() || blob.whole_rows().is_some();
+        blob.is_clipped(self.columns) || is_round && !is_high_enough
     }
 
     /// Standard deviation of the direction by doubts on the shape, columns.

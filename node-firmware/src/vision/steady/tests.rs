@@ -4,7 +4,7 @@ use calib_core::camera::Camera;
 use proptest::prelude::*;
 
 use super::*;
-use crate::vision::Grid;
+use crate::vision::{Grid, Rows};
 use cmucam2_driver::packet::Tracking;
 
 const COLUMNS: u16 = 88;
@@ -199,10 +199,40 @@ impl Picture {
         ])
     }
 
+    fn on_node(&self) -> Camera<f32> {
+        let view = 2.0 * self.camera.bearing(0.0);
+        Camera::pin_hole(COLUMNS, view as f32).unwrap()
+    }
+
     fn judge(&self, blob: Option<Blob>) -> Result<(Steady, (f64, f64)), Unsteady> {
         let steady = last([blob; 10])?;
         Ok((steady, steady.bearing(&self.camera, 0.0)))
     }
+}
+
+/// The same blob in a frame of the CMUcam2.
+fn in_rows(blob: Blob) -> Blob {
+    let rows = Some(Rows {
+        count: 143,
+        per_column: 2.0,
+    });
+    Blob { rows, ..blob }
+}
+
+/// A ball that is cut off at the top is refused, as its row is not known. A tall object of any shape is not: its row
+/// is unknown.
+#[test]
+fn a_ball_cut_off_at_the_top_is_refused() {
+    let packet = |y1, y2| blob([44, 20, 36, y1, 52, y2, 255, 201]).map(in_rows);
+    assert!(last([packet(3, 36); 10]).is_ok());
+    assert_eq!(last([packet(1, 34); 10]), Err(Unsteady::Clipped));
+    assert_eq!(last([packet(110, 142); 10]), Err(Unsteady::Clipped));
+    let mut tall = Steadiness::<10>::new(10, COLUMNS, Shape::Any);
+    let mut seen = Err(Unsteady::Few);
+    for _ in 0..10 {
+        seen = tall.push(packet(1, 143));
+    }
+    assert_eq!(seen.unwrap().above, None);
 }
 
 proptest! {
@@ -220,7 +250,13 @@ proptest! {
         let bearing = place * (view / 2.0).to_radians();
         let blob = picture.ball(bearing, up, radius, 88.0);
         prop_assume!(blob.is_some_and(|blob| !blob.is_clipped(COLUMNS)));
+        let blob = blob.map(in_rows);
         let (steady, direction) = picture.judge(blob).unwrap();
+        // A row is as much as half a column.
+        let elevation = steady.seen(&picture.on_node(), 0.0).elevation.radians::<f64>();
+        let row = picture.camera.bearing_sigma(43.5, 0.5);
+        let off = (elevation.unwrap() - up).abs() / row;
+        prop_assert!(off < 0.75, "off by {off} rows");
         prop_assert!((steady.column_sigma - 24_f32.sqrt().recip()).abs() < 1e-6);
         let column = picture.camera.bearing_sigma(f64::from(steady.middle()), 1.0);
         let off = (direction.0 - bearing).abs() / column;

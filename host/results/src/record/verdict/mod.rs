@@ -120,7 +120,7 @@ pub enum Trouble {
     },
     /// Its sightings contradict the configured lens, and fit this one.
     OtherLens(NodeLens),
-    /// It is not level: its rows tell how it hangs.
+    /// It is not level, and its rows contradict each other: so they tell that it hangs.
     Tilted(NodeMount),
     /// Its predicted sigmas are above the limits.
     Weak {
@@ -193,7 +193,7 @@ pub enum Common {
     Misfit(f64),
     /// This reference camera of a network in which no camera has a pose is not there: no other gets one.
     Reference(u16),
-    /// This reference camera is not level, and all poses of its network hang on it.
+    /// This reference camera is not level, its rows contradict each other, and all poses of its network hang on it.
     TiltedReference(u16),
     /// No pose of this network is checked: no target estimated its cameras together.
     Unchecked(u16),
@@ -654,6 +654,7 @@ impl Trouble {
                 | Self::Refused(_)
                 | Self::NoPose
                 | Self::Doubtful { .. }
+                | Self::Tilted(_)
                 | Self::Weak { .. }
         )
     }
@@ -670,7 +671,7 @@ impl Trouble {
 impl Common {
     /// Returns true of a cause that has to be mended before anything else helps.
     fn comes_first(&self) -> bool {
-        matches!(self, Self::Lens(_) | Self::TiltedReference(_))
+        matches!(self, Self::Lens(_))
     }
 }
 

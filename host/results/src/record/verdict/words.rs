@@ -194,8 +194,8 @@ impl Finding {
                 let down = if *pitch_deg < 0.0 { "up" } else { "down" };
                 write!(
                     f,
-                    "not calibrated: not level: its rows fit a camera {height:.1} {unit} above the ball that looks \
-                     {down} by {:.0} deg; level it",
+                    "not calibrated: doubtful: its rows tell of a camera {height:.1} {unit} above the ball that looks \
+                     {down} by {:.0} deg, and do not all fit that; level it, and look at what it takes for the target",
                     pitch_deg.abs()
                 )
             }
@@ -487,8 +487,8 @@ impl Verdict {
                  in its place, with the same configuration."
             ),
             Common::TiltedReference(camera) => format!(
-                "Reference camera {camera} is not level, and all poses of its network hang on it. Level it first: no \
-                 further stop helps before."
+                "Reference camera {camera} is not level, its rows do not fit together, and all poses of its network \
+                 hang on it: level it."
             ),
             Common::UncheckedGuests(first) => {
                 let is_meant = |common: &Common| match common {
