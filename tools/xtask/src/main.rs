@@ -84,15 +84,13 @@ enum Chore {
 }
 
 fn main() -> ExitCode {
-    // A copy of this program under another name is the linker, or the wrapper of the compiler.
+    // A copy of this program under another name is the wrapper of the compiler.
     let program = env::current_exe().unwrap_or_default();
     let done = match (
         program.file_stem().and_then(OsStr::to_str),
-        env::var_os(firmware::LINK_IN),
         env::var_os(usage::COUNT_IN),
     ) {
-        (Some(firmware::LINKER), Some(folder), _) => firmware::link(&folder),
-        (Some(usage::WRAPPER), _, Some(counter)) => usage::compile(Path::new(&counter)),
+        (Some(usage::WRAPPER), Some(counter)) => usage::compile(Path::new(&counter)),
         _ => run(Arguments::parse().chore),
     };
     done.unwrap_or_else(|error| {
@@ -133,9 +131,6 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         .parent()
         .and_then(Path::parent);
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test(_) | Chore::Firmware { .. } | Chore::Bench { .. } = chore {
-        firmware::prepare_linker(&sh)?;
-    }
     let done = match chore {
         Chore::Test(test) => return Ok(test.run(&sh)),
         Chore::Bench { topics } if topics == ["chip"] => chip::bench(&sh),

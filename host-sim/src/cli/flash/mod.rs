@@ -1,6 +1,5 @@
 //! `host-sim flash`: an image, and the page that says which node it is, onto a board.
 
-mod image;
 mod lock;
 
 use std::{
@@ -10,8 +9,12 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use board_support::flash::{NRF52840, Regions, STM32L476RG};
-use clap::{Args, ValueEnum};
+use board_facts::{BOARDS, Board, chip::Family};
+use clap::{
+    Args,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
+use flash_file::Image;
 use node_firmware::config::{
     CheckedConfig, Config,
     page::{self, PAGE_MAX, PageError},
@@ -28,38 +31,10 @@ const INSTALL: &str = "probe-rs is not installed: see https://probe.rs/docs/gett
      type `cargo install probe-rs-tools --locked` (on Debian after `sudo apt-get install \
      pkg-config libudev-dev`)";
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Board {
-    /// nRF52840-DK, or another board with this chip.
-    Nrf52840,
-    /// NUCLEO-L476RG with a radio co-processor, or another board with this chip.
-    #[value(name = "nucleo-l476rg")]
-    NucleoL476rg,
-}
-
-impl Board {
-    /// The name of its image.
-    const fn image(self) -> &'static str {
-        match self {
-            Self::Nrf52840 => "nrf52840-node.elf",
-            Self::NucleoL476rg => "nucleo-l476rg-node.elf",
-        }
-    }
-
-    /// The chip's name for probe-rs.
-    const fn chip(self) -> &'static str {
-        match self {
-            Self::Nrf52840 => "nRF52840_xxAA",
-            Self::NucleoL476rg => "STM32L476RGTx",
-        }
-    }
-
-    const fn regions(self) -> Regions {
-        match self {
-            Self::Nrf52840 => NRF52840,
-            Self::NucleoL476rg => STM32L476RG,
-        }
-    }
+/// The names of the boards.
+fn boards() -> impl TypedValueParser<Value = &'static Board> {
+    PossibleValuesParser::new(BOARDS.map(|board| PossibleValue::new(board.name).help(board.title)))
+        .try_map(|name| Board::named(&name).ok_or("no such board"))
 }
 
 /// Writes an image and a configuration page onto a board.
@@ -69,7 +44,8 @@ impl Board {
 #[derive(Args)]
 pub(super) struct Arguments {
     /// Kind of board.
-    board: Board,
+    #[arg(value_parser = boards())]
+    board: &'static Board,
     /// The page, of `host-sim provision`; without it, the node keeps the one it has.
     #[arg(long, value_name = "PAGE")]
     config: Option<PathBuf>,
@@ -112,7 +88,7 @@ impl Arguments {
         let page = self.page()?;
         let has_probe_rs = is_on_path("probe-rs");
         ensure!(has_probe_rs || self.dry_run, INSTALL);
-        if let Some((program, install)) = self.board.locked_with()
+        if let Some((program, install)) = lock::locked_with(self.board)
             && (self.lock || self.unlock)
             && !is_on_path(program)
         {
@@ -153,7 +129,7 @@ impl Arguments {
             self.compare(sh, &page.config)?;
         }
         if self.erase_memory {
-            let (_, bytes) = self.board.regions().memory();
+            let (_, bytes) = self.board.memory();
             write(&beside.erased, &vec![0xFF; bytes as usize])?;
         }
         if self.lock {
@@ -166,7 +142,7 @@ impl Arguments {
             )?;
         }
         if self.lock {
-            tell(self.board.after_locking());
+            tell(lock::after_locking(self.board));
         }
         Ok(())
     }
@@ -185,7 +161,7 @@ impl Arguments {
     fn image(&self) -> Result<PathBuf> {
         let image = match &self.image {
             Some(image) => image.clone(),
-            None => Path::new(IMAGES).join(self.board.image()),
+            None => Path::new(IMAGES).join(format!("{}-node.elf", self.board.name)),
         };
         if self.image.is_none() && !image.is_file() {
             let missing = format!(
@@ -197,23 +173,10 @@ impl Arguments {
             tell(missing);
             return Ok(image);
         }
-        let range = image::flash_range(&image)?;
-        let regions = self.board.regions();
-        let (least, most) = (regions.start, regions.image_end());
-        ensure!(
-            range.start >= least.into(),
-            "{} begins at {:#x}, before the board's flash at {least:#x}: is it an image for this \
-             board?",
-            image.display(),
-            range.start
-        );
-        ensure!(
-            range.end <= most.into(),
-            "{} reaches up to {:#x}, into the pages of the node, which begin at {most:#x}: is \
-             it an image for this board?",
-            image.display(),
-            range.end
-        );
+        let bytes = fs::read(&image);
+        let bytes = bytes.with_context(|| format!("{} cannot be read", image.display()))?;
+        Image::of(self.board, &bytes)
+            .with_context(|| format!("{} was not written", image.display()))?;
         Ok(image)
     }
 
@@ -263,13 +226,13 @@ impl Arguments {
     /// Reads the page that the board has. Its output holds a key: it is not to be shown.
     fn look<'a>(&self, sh: &'a Shell) -> Cmd<'a> {
         let probe = &self.probe_options();
-        let address = format!("{:#010x}", self.board.regions().config_address());
+        let address = format!("{:#010x}", self.board.config());
         let bytes = PAGE_MAX.to_string();
         cmd!(sh, "probe-rs read {probe...} b8 {address} {bytes}")
     }
 
     fn probe_options(&self) -> Vec<&str> {
-        let mut options = vec!["--chip", self.board.chip()];
+        let mut options = vec!["--chip", self.board.chip.probe];
         if let Some(selector) = &self.probe {
             options.extend(["--probe", selector]);
         }
@@ -285,7 +248,6 @@ impl Arguments {
         page: Option<&Path>,
         beside: &Beside,
     ) -> Vec<Cmd<'a>> {
-        let regions = self.board.regions();
         let probe = &self.probe_options();
         let bytes = |path: &Path, address: u32| {
             let address = format!("{address:#010x}");
@@ -296,22 +258,25 @@ impl Arguments {
         };
         let selector = self.probe.as_deref();
         let mut commands = Vec::new();
-        commands.extend(self.unlock.then(|| self.board.unlock(sh, selector, probe)));
+        commands.extend(
+            self.unlock
+                .then(|| lock::unlock(self.board, sh, selector, probe)),
+        );
         commands.push(cmd!(
             sh,
             "probe-rs download {probe...} --verify --binary-format elf {image}"
         ));
-        commands.extend(page.map(|page| bytes(page, regions.config_address())));
-        let (memory, _) = regions.memory();
+        commands.extend(page.map(|page| bytes(page, self.board.config())));
+        let (memory, _) = self.board.memory();
         commands.extend(self.erase_memory.then(|| bytes(&beside.erased, memory)));
         let reset = cmd!(sh, "probe-rs reset {probe...}");
         let lock = self
             .lock
-            .then(|| self.board.lock(sh, selector, probe, &beside.enabled));
+            .then(|| lock::lock(self.board, sh, selector, probe, &beside.enabled));
         // OpenOCD starts the board itself, and nothing connects to it after that.
-        match self.board {
-            Board::Nrf52840 => commands.extend(lock.into_iter().chain([reset])),
-            Board::NucleoL476rg => commands.push(lock.unwrap_or(reset)),
+        match self.board.chip.family {
+            Family::Nrf52 => commands.extend(lock.into_iter().chain([reset])),
+            Family::Stm32l4 => commands.push(lock.unwrap_or(reset)),
         }
         commands
     }

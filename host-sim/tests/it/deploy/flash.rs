@@ -146,11 +146,11 @@ fn another_board() {
         "--erase-memory",
     ];
     // The image of the other board, and one that is too long.
-    place.run(&words).fails("before the board's flash");
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1801)).unwrap();
-    place.run(&words).fails("into the pages of the node");
+    place.run(&words).fails("before the board's image");
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x0808_0001)).unwrap();
+    place.run(&words).fails("behind the part for images");
     assert!(calls(&place).is_empty());
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x0808_0000)).unwrap();
     place.run(&words[..4]).ok();
     place.run(&words).ok();
     let image = format!("download {chip} --verify --binary-format elf image.elf");
@@ -241,7 +241,7 @@ fn a_locked_board_is_erased_first() {
 fn another_board_is_locked_with_another_program() {
     let place = place();
     install(&place);
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x0808_0000)).unwrap();
     let words = [
         "flash",
         "nucleo-l476rg",
@@ -388,8 +388,8 @@ fn nothing_is_skipped() {
         ("none.elf cannot be read", "--image=none.elf"),
         ("text.elf is no image", "--image=text.elf"),
         ("no image for an ARM", "--image=other.elf"),
-        ("into the pages of the node", "--image=large.elf"),
-        ("into the pages of the node", "--image=ram.elf"),
+        ("behind the part for images", "--image=large.elf"),
+        ("behind the part for images", "--image=ram.elf"),
         ("is no page", "--image=image.elf --config=damaged.bin"),
         ("cut off", "--image=image.elf --config=cut.bin"),
         (

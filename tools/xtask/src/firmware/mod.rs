@@ -8,14 +8,12 @@ mod stack;
 mod thumb;
 
 use std::{
-    env,
-    ffi::OsStr,
-    fs,
+    env, fs,
     path::{Path, PathBuf},
-    process::{Command, ExitCode},
 };
 
 use anyhow::{Context, Result, ensure};
+use board_facts::{BOARDS, Board};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
@@ -31,10 +29,6 @@ const PROFILE: &str = "firmware";
 /// Folder of the images.
 const DIRECTORY: &str = "target/firmware";
 
-/// The folder in which this program is the linker of images. `memory.x` is looked for where the linker
-/// runs, before all other folders, and cargo runs it where the one of the nRF52840 is.
-pub(crate) const LINK_IN: &str = "XTASK_LINK_IN";
-
 /// Limit of inlining. At `opt-level = "z"` LLVM stops at 5, where many a call takes more than the function that is
 /// called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 40 or 60 less than that.
 const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
@@ -45,9 +39,10 @@ const LOG: &str = "DEFMT_LOG";
 /// Number of the largest symbols that are listed.
 const LARGEST: usize = 12;
 
-/// A board, and the bytes that its image may take.
-struct Board {
-    package: &'static str,
+/// A board whose image is looked into, and the bytes that it may take. Images of other boards with its chip have the
+/// same code.
+struct Audited {
+    board: &'static Board,
     /// Its name in the documentation.
     name: &'static str,
     budget: Budget,
@@ -64,9 +59,9 @@ struct Budget {
 /// Memory of the thesis's node: a Jennic JN5121's ROM, and its RAM.
 const THESIS: (u64, u64) = (64 << 10, 96 << 10);
 
-const BOARDS: [Board; 2] = [
-    Board {
-        package: "nrf52840",
+const AUDITED: [Audited; 2] = [
+    Audited {
+        board: &board_facts::NRF52840_DK,
         name: "nRF52840",
         // The aims for flash and stack are not met. Enforced are the measured values, rounded up, so that they get
         // no worse: lower them when the image shrinks. 5.3 KB are the Pixy2's, which any node may have, 2.4 KB are
@@ -80,8 +75,8 @@ const BOARDS: [Board; 2] = [
             aim: [96 << 10, 120 << 10, 8 << 10],
         },
     },
-    Board {
-        package: "nucleo-l476rg",
+    Audited {
+        board: &board_facts::NUCLEO_L476RG,
         name: "NUCLEO-L476RG",
         // As above.
         budget: Budget {
@@ -93,34 +88,71 @@ const BOARDS: [Board; 2] = [
     },
 ];
 
-/// Builds the images of these boards, or of all, prints the memory that they take, and fails over a budget, a
-/// panic or, where all are built, a figure in the documentation that is another one. Images that are to log more
-/// than errors are only built: logging takes room and stack, and formats text.
+/// Builds the images of these boards, or of all: `cargo xtask firmware`.
+///
+/// # Errors
+/// There is no such board, or [`check`] fails.
 pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
-    for board in chosen {
-        let is_known = packages().any(|package| package == board);
-        ensure!(is_known, "no board is called `{board}`");
+    if chosen.is_empty() {
+        return check(sh, &BOARDS);
     }
-    let is_chosen =
-        |board: &Board| chosen.is_empty() || chosen.iter().any(|chosen| chosen == board.package);
-    if let Some(level) = env::var_os(LOG).filter(|level| !level.is_empty()) {
-        for board in BOARDS.iter().filter(|board| is_chosen(board)) {
-            let image = Image::read(&build(sh, board.package)?)?;
-            println!("{}: {} bytes of flash", name(&image.path), image.size.flash);
+    let boards = chosen.iter().map(|name| {
+        Board::named(name).with_context(|| {
+            let names = BOARDS.map(|board| board.name).join(", ");
+            format!("no board is called `{name}`: there are {names}")
+        })
+    });
+    check(sh, &boards.collect::<Result<Vec<_>>>()?)
+}
+
+/// The stage of every day: the images that are looked into.
+pub(crate) fn audit(sh: &Shell) -> Result<()> {
+    check(sh, &AUDITED.map(|audited| audited.board))
+}
+
+/// The stage of the night: the images of all other boards.
+pub(crate) fn others(sh: &Shell) -> Result<()> {
+    let is_other = |board: &&&Board| {
+        AUDITED
+            .iter()
+            .all(|audited| audited.board.name != board.name)
+    };
+    check(
+        sh,
+        &BOARDS.iter().filter(is_other).copied().collect::<Vec<_>>(),
+    )
+}
+
+/// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
+/// a budget, a panic, a byte outside of the board's region or, where all audited ones are among them, a figure in the
+/// documentation that is another one. Images that are to log more than errors are only built: logging takes room and
+/// stack, and formats text.
+fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
+    let log = env::var_os(LOG).filter(|level| !level.is_empty());
+    let mut measured = Vec::new();
+    for board in boards {
+        let path = build(sh, board)?;
+        for file in files(board, &path)? {
+            println!("{}: {} holds {}", board.title, name(&file), name(&path));
         }
+        let image = Image::read(&path)?;
+        println!("{}: {} bytes of flash", name(&path), image.size.flash);
+        let audited = AUDITED
+            .iter()
+            .position(|audited| audited.board.name == board.name);
+        if let (Some(number), None) = (audited, &log) {
+            let stack = stack::worst(&image)?;
+            measured.push((number, &AUDITED[number], image, stack));
+        }
+    }
+    if let Some(level) = log {
         println!(
             "These images log {}: what they take, and whether they can panic, is not checked.",
             level.display()
         );
-        return Ok(());
     }
-    let mut measured = Vec::new();
-    for (number, board) in BOARDS.iter().enumerate() {
-        if is_chosen(board) {
-            let image = Image::read(&build(sh, board.package)?)?;
-            let stack = stack::worst(&image)?;
-            measured.push((number, board, image, stack));
-        }
+    if measured.is_empty() {
+        return Ok(());
     }
     println!("{}", table(&measured));
     println!(
@@ -128,7 +160,7 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
         THESIS.0, THESIS.1
     );
     let mut failures = Vec::new();
-    for (number, board, image, stack) in &measured {
+    for (number, audited, image, stack) in &measured {
         println!("\n{}", largest(image));
         println!("\nFlash of {} by crate:", name(&image.path));
         for (part, bytes) in parts::by_crate(image)? {
@@ -139,33 +171,46 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
         for (function, bytes) in &stack.path {
             println!("{bytes:>6} {function}");
         }
-        failures.extend(over_budget(board, image, stack.bytes));
+        failures.extend(over_budget(audited, image, stack.bytes));
         let panics = panics::find(image)?;
         let count = Count::new(&panics);
-        println!("\nBranches to a panic that {} never takes:", board.package);
+        let board = audited.board.name;
+        println!("\nBranches to a panic that {board} never takes:");
         for line in count.lines() {
             println!("{line}");
         }
         let errors = count.errors(*number);
-        let errors = errors.iter();
-        failures.extend(errors.map(|error| format!("{}: {error}", board.package)));
+        failures.extend(errors.iter().map(|error| format!("{board}: {error}")));
     }
     println!("\nWhy they are not taken:");
     for reason in Count::reasons() {
         println!("       {reason}");
     }
     ensure!(failures.is_empty(), "\n  {}", failures.join("\n  "));
-    if chosen.is_empty() {
+    if measured.len() == AUDITED.len() {
         documented::agree(sh, "firmware", &[memory(&measured), crates(&measured)?])?;
     }
     Ok(())
 }
 
+/// Checks that an image is within its board's region, and writes the files with which a boot loader takes it. Returns
+/// their paths.
+fn files(board: &'static Board, path: &Path) -> Result<Vec<PathBuf>> {
+    let elf = fs::read(path)?;
+    let image = flash_file::Image::of(board, &elf).with_context(|| name(path))?;
+    let Some((file, bytes)) = image.file(None) else {
+        return Ok(Vec::new());
+    };
+    let file = path.with_extension(file);
+    fs::write(&file, bytes)?;
+    Ok(vec![file])
+}
+
 /// Measurements of a board: its number, itself, its image and its stack.
-type Measured = (usize, &'static Board, Image, Worst);
+type Measured = (usize, &'static Audited, Image, Worst);
 
 fn header(what: &str) -> Vec<String> {
-    let boards = BOARDS.iter().map(|board| board.name.to_owned());
+    let boards = AUDITED.iter().map(|audited| audited.name.to_owned());
     [what.to_owned()].into_iter().chain(boards).collect()
 }
 
@@ -178,9 +223,9 @@ fn memory(measured: &[Measured]) -> documented::Table {
     for (i, (what, thesis)) in what.into_iter().zip(thesis).enumerate() {
         let mut row = vec![what.to_owned()];
         let mut aims = Vec::new();
-        for (_, board, image, stack) in measured {
+        for (_, audited, image, stack) in measured {
             row.push(number([image.size.flash, image.size.ram, stack.bytes][i]));
-            aims.push(board.budget.aim[i]);
+            aims.push(audited.budget.aim[i]);
         }
         row.push(aims.first().map_or_else(String::new, |aim| number(*aim)));
         row.push(thesis);
@@ -213,21 +258,13 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
     })
 }
 
-/// The packages of the boards.
-pub(crate) fn packages() -> impl Iterator<Item = &'static str> {
-    BOARDS.iter().map(|board| board.package)
-}
-
 /// Builds one image, and returns its path.
-pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
+pub(crate) fn build(sh: &Shell, board: &Board) -> Result<PathBuf> {
+    let package = board.name;
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
-    let own = sh.current_dir().join("boards").join(package);
-    let has_memory = own.join("memory.x").is_file();
-    let folder = if has_memory { own } else { sh.current_dir() };
-    // Only here: other programs of this target have their own layout of the memory. The same for all
-    // boards: with another linker cargo would build all crates again.
-    let linker = format!("target.{TARGET}.linker='{}'", linker(sh).display());
+    // Only here: other programs of this target have their own layout of the memory.
+    let linker = format!("target.{TARGET}.linker='{}'", setup::LINKER);
     let mut flags = short_paths()?;
     flags.push(format!("'{INLINING}'"));
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
@@ -235,11 +272,13 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
         sh,
         "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET} --message-format json-render-diagnostics"
     )
-    .env(LINK_IN, folder)
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
     eprintln!("$ {cargo}");
     let built = built::program(&cargo.quiet().read()?, package)?;
-    let image = image(sh, package);
+    let image = sh
+        .current_dir()
+        .join(DIRECTORY)
+        .join(format!("{package}-node.elf"));
     sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
     Ok(image)
@@ -264,38 +303,6 @@ fn short_paths() -> Result<Vec<String>> {
     Ok(flags)
 }
 
-/// Name under which this program is that linker.
-pub(crate) const LINKER: &str = "link-image";
-
-fn linker(sh: &Shell) -> PathBuf {
-    crate::tool(sh, LINKER)
-}
-
-/// Makes this program the linker, before anything can replace it by a newer one: tests of the workspace
-/// build it again.
-pub(crate) fn prepare_linker(sh: &Shell) -> Result<()> {
-    crate::copy_of_this(&linker(sh))
-}
-
-/// Links, in this folder, the objects that cargo passed to this program.
-pub(crate) fn link(folder: &OsStr) -> Result<ExitCode> {
-    let status = Command::new(setup::LINKER)
-        .args(env::args_os().skip(1))
-        .current_dir(folder)
-        .status()?;
-    Ok(if status.success() {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
-}
-
-/// Path of the image of a board.
-pub(crate) fn image(sh: &Shell, package: &str) -> PathBuf {
-    let directory = sh.current_dir().join(DIRECTORY);
-    directory.join(format!("{package}-node.elf"))
-}
-
 /// The most bytes of stack that an image can take.
 pub(crate) fn stack_bound(image: &Path) -> Result<u64> {
     Ok(stack::worst(&Image::read(image)?)?.bytes)
@@ -310,14 +317,14 @@ fn table(measured: &[Measured]) -> Table {
         let name = name(&image.path);
         table.add_row([name].into_iter().chain(row.map(|bytes| bytes.to_string())));
     }
-    for (_, board, ..) in measured {
-        let budget = &board.budget;
+    for (_, audited, ..) in measured {
+        let budget = &audited.budget;
         let rows = [
             ("at most", [budget.flash, budget.ram, budget.stack]),
             ("aim", budget.aim),
         ];
         for (what, row) in rows {
-            let name = format!("{}: {what}", board.package);
+            let name = format!("{}: {what}", audited.board.name);
             table.add_row([name].into_iter().chain(row.map(|bytes| bytes.to_string())));
         }
     }
@@ -338,8 +345,8 @@ fn largest(image: &Image) -> Table {
     table
 }
 
-fn over_budget(board: &Board, image: &Image, stack: u64) -> Vec<String> {
-    let budget = &board.budget;
+fn over_budget(audited: &Audited, image: &Image, stack: u64) -> Vec<String> {
+    let budget = &audited.budget;
     [
         ("flash", image.size.flash, budget.flash),
         ("static RAM", image.size.ram, budget.ram),
@@ -350,7 +357,7 @@ fn over_budget(board: &Board, image: &Image, stack: u64) -> Vec<String> {
     .map(|(what, bytes, most)| {
         format!(
             "{} takes {bytes} bytes of {what}, its budget is {most}",
-            board.package
+            audited.board.name
         )
     })
     .collect()
