@@ -64,10 +64,13 @@ enum Chore {
         #[arg(long, default_value_t = 0)]
         largest: usize,
     },
-    /// Images for all boards, to target/firmware, with what they take
+    /// Images for all boards, to target/firmware, with what they take, and files for their boot loaders
     Firmware {
         /// Only of these boards
         boards: Vec<String>,
+        /// Only with this role; may be given several times. Less flash and RAM, but another image for each role
+        #[arg(long = "role", value_parser = firmware::ROLE_NAMES)]
+        roles: Vec<String>,
     },
     /// Tests against programs of other projects, which are built from source first
     Peers,
@@ -166,7 +169,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             scale::run(&sh)
         }
         Chore::Size { largest } => measure_size(&sh, largest),
-        Chore::Firmware { boards } => firmware::run(&sh, &boards),
+        Chore::Firmware { boards, roles } => firmware::run(&sh, &boards, &roles),
         Chore::Peers => {
             setup::packages(&sh)?;
             peers::run(&sh)

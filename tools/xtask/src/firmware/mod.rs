@@ -13,7 +13,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use board_facts::{BOARDS, Board};
+use board_facts::{BOARDS, Board, chip::Family};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
@@ -88,13 +88,44 @@ const AUDITED: [Audited; 2] = [
     },
 ];
 
-/// Builds the images of these boards, or of all: `cargo xtask firmware`.
+/// A role that an image may have alone, and the most that such an image of the nRF52840 may take.
+struct Role {
+    /// Its name, and that of its feature.
+    name: &'static str,
+    flash: u64,
+    ram: u64,
+}
+
+/// The camera's is promised: most nodes are cameras. The others are the measured values, rounded up.
+const ROLES: [Role; 3] = [
+    Role {
+        name: "camera",
+        flash: 200 << 10,
+        ram: 32 << 10,
+    },
+    Role {
+        name: "coordinator",
+        flash: 136 << 10,
+        ram: 52 << 10,
+    },
+    Role {
+        name: "target",
+        flash: 204 << 10,
+        ram: 150 << 10,
+    },
+];
+
+/// Names of the roles.
+pub(crate) const ROLE_NAMES: [&str; 3] = [ROLES[0].name, ROLES[1].name, ROLES[2].name];
+
+/// Builds the images of these boards, or of all, with these roles, or with all: `cargo xtask firmware`.
 ///
 /// # Errors
-/// There is no such board, or [`check`] fails.
-pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
-    if chosen.is_empty() {
-        return check(sh, &BOARDS);
+/// There is no such board, or a check fails.
+pub(crate) fn run(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()> {
+    if chosen.is_empty() && roles.is_empty() {
+        check(sh, &BOARDS)?;
+        return check_roles(sh, &ROLES);
     }
     let boards = chosen.iter().map(|name| {
         Board::named(name).with_context(|| {
@@ -102,25 +133,58 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
             format!("no board is called `{name}`: there are {names}")
         })
     });
-    check(sh, &boards.collect::<Result<Vec<_>>>()?)
+    let boards = boards.collect::<Result<Vec<_>>>()?;
+    if roles.is_empty() {
+        return check(sh, &boards);
+    }
+    let boards = if boards.is_empty() { &BOARDS } else { &*boards };
+    let roles: Vec<_> = roles.iter().map(String::as_str).collect();
+    for board in boards {
+        pack(board, &build(sh, board, &roles)?)?;
+    }
+    Ok(())
 }
 
-/// The stage of every day: the images that are looked into.
+/// The stage of every day: the images that are looked into, and a camera's alone.
 pub(crate) fn audit(sh: &Shell) -> Result<()> {
-    check(sh, &AUDITED.map(|audited| audited.board))
+    check(sh, &AUDITED.map(|audited| audited.board))?;
+    check_roles(sh, &ROLES[..1])
 }
 
-/// The stage of the night: the images of all other boards.
+/// The stage of the night: the images of all other boards, and of each role alone.
 pub(crate) fn others(sh: &Shell) -> Result<()> {
-    let is_other = |board: &&&Board| {
-        AUDITED
-            .iter()
-            .all(|audited| audited.board.name != board.name)
+    let is_audited = |board: &Board| AUDITED.iter().any(|known| known.board.name == board.name);
+    let others = BOARDS.into_iter().filter(|board| !is_audited(board));
+    check(sh, &others.collect::<Vec<_>>())?;
+    check_roles(sh, &ROLES)
+}
+
+/// Builds an image for each of these roles alone, and fails over its limits or, where these are all roles, a figure in
+/// the documentation that is another one.
+fn check_roles(sh: &Shell, roles: &[Role]) -> Result<()> {
+    let header = ["bytes, nRF52840 with one role", "flash", "static RAM"];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    for &Role { name, flash, ram } in roles {
+        let image = Image::read(&build(sh, &board_facts::NRF52840_DK, &[name])?)?;
+        let size = image.size;
+        println!(
+            "a {name} alone: {} bytes of flash, {} of RAM",
+            size.flash, size.ram
+        );
+        ensure!(
+            size.flash <= flash && size.ram <= ram,
+            "a {name} alone may take {flash} bytes of flash and {ram} of RAM"
+        );
+        rows.push(vec![name.to_owned(), number(size.flash), number(size.ram)]);
+    }
+    if roles.len() < ROLES.len() {
+        return Ok(());
+    }
+    let table = documented::Table {
+        name: "firmware: roles",
+        rows,
     };
-    check(
-        sh,
-        &BOARDS.iter().filter(is_other).copied().collect::<Vec<_>>(),
-    )
+    documented::agree(sh, "firmware", &[table])
 }
 
 /// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
@@ -131,12 +195,7 @@ fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
     let log = env::var_os(LOG).filter(|level| !level.is_empty());
     let mut measured = Vec::new();
     for board in boards {
-        let path = build(sh, board)?;
-        for file in files(board, &path)? {
-            println!("{}: {} holds {}", board.title, name(&file), name(&path));
-        }
-        let image = Image::read(&path)?;
-        println!("{}: {} bytes of flash", name(&path), image.size.flash);
+        let image = pack(board, &build(sh, board, &[])?)?;
         let audited = AUDITED
             .iter()
             .position(|audited| audited.board.name == board.name);
@@ -193,17 +252,23 @@ fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
     Ok(())
 }
 
-/// Checks that an image is within its board's region, and writes the files with which a boot loader takes it. Returns
-/// their paths.
-fn files(board: &'static Board, path: &Path) -> Result<Vec<PathBuf>> {
+/// Checks that an image is within its board's region, and writes the file beside it that the board's boot loader
+/// takes.
+fn pack(board: &'static Board, path: &Path) -> Result<Image> {
     let elf = fs::read(path)?;
     let image = flash_file::Image::of(board, &elf).with_context(|| name(path))?;
-    let Some((file, bytes)) = image.file(None) else {
-        return Ok(Vec::new());
-    };
-    let file = path.with_extension(file);
-    fs::write(&file, bytes)?;
-    Ok(vec![file])
+    let mut files = name(path);
+    if let Some((ending, bytes)) = image.file(None) {
+        let file = path.with_extension(ending);
+        fs::write(&file, bytes)?;
+        files = format!("{files}, {}", name(&file));
+    }
+    let image = Image::read(path)?;
+    println!(
+        "{}: {files}: {} bytes of flash",
+        board.title, image.size.flash
+    );
+    Ok(image)
 }
 
 /// Measurements of a board: its number, itself, its image and its stack.
@@ -258,9 +323,21 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
     })
 }
 
-/// Builds one image, and returns its path.
-pub(crate) fn build(sh: &Shell, board: &Board) -> Result<PathBuf> {
+/// Builds an image with these roles, or with all, and returns its path.
+pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
     let package = board.name;
+    let mut name = package.to_owned();
+    let mut chosen = Vec::new();
+    if !roles.is_empty() {
+        chosen.push("--no-default-features".to_owned());
+    }
+    for role in roles {
+        name = format!("{name}-{role}");
+        chosen.push(match board.chip.family {
+            Family::Nrf52 => format!("--features=nrf52/{role}"),
+            Family::Stm32l4 => format!("--features={role}"),
+        });
+    }
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
     // Only here: other programs of this target have their own layout of the memory.
@@ -270,7 +347,7 @@ pub(crate) fn build(sh: &Shell, board: &Board) -> Result<PathBuf> {
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
     let cargo = cmd!(
         sh,
-        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET} --message-format json-render-diagnostics"
+        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} {chosen...} --target {TARGET} --message-format json-render-diagnostics"
     )
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
     eprintln!("$ {cargo}");
@@ -278,7 +355,7 @@ pub(crate) fn build(sh: &Shell, board: &Board) -> Result<PathBuf> {
     let image = sh
         .current_dir()
         .join(DIRECTORY)
-        .join(format!("{package}-node.elf"));
+        .join(format!("{name}-node.elf"));
     sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
     Ok(image)
