@@ -51,6 +51,8 @@ pub enum Loader {
         family: u32,
         /// `Board-ID` in the file `INFO_UF2.TXT` of the volume begins with one of these.
         ids: &'static [&'static str],
+        /// The `SoftDevice` behind which an image begins, as that file has it.
+        soft_device: &'static str,
         /// Action that starts it.
         press: &'static str,
     },
@@ -126,6 +128,7 @@ pub const FEATHER_NRF52840: Board = Board {
     loader: Some(Loader::Uf2 {
         family: ADAFRUIT_NRF52840,
         ids: &["nRF52840-Feather-"],
+        soft_device: "S140 6.1.1",
         press: "press its button RESET twice, quickly",
     }),
 };
@@ -139,6 +142,7 @@ pub const XIAO_NRF52840: Board = Board {
     loader: Some(Loader::Uf2 {
         family: ADAFRUIT_NRF52840,
         ids: &["nRF52840-SeeedXiao", "Seeed_XIAO_nRF52840"],
+        soft_device: "S140 7.3.0",
         press: "press its button RST twice, quickly",
     }),
 };

@@ -3,12 +3,12 @@
 //!
 //! | module | |
 //! |---|---|
-//! | `uf2` | a file that is copied to the volume of a boot loader |
+//! | [`uf2`] | a file that is copied to the volume of a boot loader |
 //! | `dfu` | a package for Nordic's boot loader |
 #![forbid(unsafe_code)]
 
 mod dfu;
-mod uf2;
+pub mod uf2;
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -97,16 +97,24 @@ impl Image {
     }
 
     /// The file that the boot loader of the board takes, and the ending of its name: the image, and a configuration
-    /// page in the same file. `None` if the board has no boot loader.
+    /// page in the same file; and an erased memory, if the node is to forget. `None` if the board has no boot loader,
+    /// or it takes one piece only, which does not reach to the memory.
     ///
     /// A package for a dongle has room for the page within the image: without one, the node has no configuration.
-    pub fn file(&self, page: Option<&[u8]>) -> Option<(&'static str, Vec<u8>)> {
+    pub fn file(&self, page: Option<&[u8]>, forgets: bool) -> Option<(&'static str, Vec<u8>)> {
         let mut parts = self.parts.clone();
         parts.extend(page.map(|page| (self.board.config(), page.to_vec())));
-        Some(match self.board.loader? {
-            Loader::Uf2 { family, .. } => ("uf2", uf2::file(family, &parts)),
-            Loader::Dfu { hardware, .. } => ("zip", dfu::package(hardware, &in_one_piece(&parts))),
-        })
+        if forgets {
+            let (memory, bytes) = self.board.memory();
+            parts.insert(memory, vec![0xff; bytes as usize]);
+        }
+        match self.board.loader? {
+            Loader::Uf2 { family, .. } => Some(("uf2", uf2::file(family, &parts))),
+            Loader::Dfu { .. } if forgets => None,
+            Loader::Dfu { hardware, .. } => {
+                Some(("zip", dfu::package(hardware, &in_one_piece(&parts))))
+            }
+        }
     }
 }
 

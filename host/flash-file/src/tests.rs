@@ -83,7 +83,7 @@ fn a_uf2_file_is_that_of_another_program() {
     ];
     let elf = elf(&[(0x0002_7000, &pattern(512))]);
     let image = Image::of(&XIAO_NRF52840, &elf).unwrap();
-    let (ending, file) = image.file(Some(&[0x5a; 256])).unwrap();
+    let (ending, file) = image.file(Some(&[0x5a; 256]), false).unwrap();
     assert_eq!((ending, file.len()), ("uf2", heads.len() * 512));
     for (block, head) in file.chunks(512).zip(heads) {
         let hex: String = block[..40]
@@ -103,7 +103,7 @@ fn a_uf2_file_holds_each_byte_once() {
     let elf = elf(&[(0x0002_6000, &first), (0x0002_6000 + 1004, &second)]);
     let image = Image::of(&FEATHER_NRF52840, &elf).unwrap();
     let page = pattern(512);
-    let (_, file) = image.file(Some(&page)).unwrap();
+    let (_, file) = image.file(Some(&page), false).unwrap();
     let blocks = blocks(&file, 0xada5_2840);
     let mut flash = vec![0xff; 1 << 20];
     let mut last = None;
@@ -118,7 +118,7 @@ fn a_uf2_file_holds_each_byte_once() {
     expected[0x000a_c000..][..512].copy_from_slice(&page);
     assert!(flash == expected);
     // Without a page, the one on the board stays.
-    let (_, file) = image.file(None).unwrap();
+    let (_, file) = image.file(None, false).unwrap();
     assert_eq!(self::blocks(&file, 0xada5_2840).len(), blocks.len() - 2);
 }
 
@@ -130,7 +130,7 @@ fn a_file_stays_within_the_regions() {
         let [start, end] = [region.start, region.end].map(|place| board.address(place));
         let elf = elf(&[(start, &[1; 64]), (end - 64, &[2; 64])]);
         let image = Image::of(board, &elf).unwrap();
-        match image.file(Some(&[3; 512])) {
+        match image.file(Some(&[3; 512]), false) {
             None => assert!(board.loader.is_none()),
             Some(("uf2", file)) => {
                 for (address, payload) in blocks(&file, 0xada5_2840) {
@@ -156,7 +156,7 @@ fn a_package_is_that_of_another_program() {
     let init = "0a420801123e080110341a010020002800300038ac024224080312207234ad2d4f15a1bc15171a0321200db0984b66\
                 829aa0a1cfaf1cc826873f77044800520408011200";
     let image = Image::of(&PCA10059, &elf(&[(0x1000, &pattern(300))])).unwrap();
-    let (ending, package) = image.file(None).unwrap();
+    let (ending, package) = image.file(None, false).unwrap();
     let files = files(&package);
     let names: Vec<_> = files.iter().map(|(name, _)| &**name).collect();
     assert_eq!(
@@ -178,7 +178,7 @@ fn a_package_has_the_page_in_the_image() {
     let elf = elf(&[(0x1000, &[1; 256]), (0x1400, &[2; 100])]);
     let image = Image::of(&PCA10059, &elf).unwrap();
     let page = pattern(52);
-    let (_, package) = image.file(Some(&page)).unwrap();
+    let (_, package) = image.file(Some(&page), false).unwrap();
     let (_, bin) = files(&package).pop().unwrap();
     let erased = |len| vec![0xff; len];
     let expected = [
@@ -217,4 +217,34 @@ fn images_of_other_boards_are_refused() {
     let mut other = kit;
     other[18] = 62;
     assert_eq!(of(&NRF52840_DK, &other), Err(ImageError::NotArm));
+}
+
+/// Memory of the Feather, which is a part of its flash behind that for images.
+#[test]
+fn a_uf2_file_makes_a_node_forget() {
+    let image = Image::of(&FEATHER_NRF52840, &elf(&[(0x0002_6000, &[1; 256])])).unwrap();
+    let (_, file) = image.file(None, true).unwrap();
+    let mut blocks = blocks(&file, 0xada5_2840).into_iter();
+    assert_eq!(blocks.next(), Some((0x0002_6000, vec![1; 256])));
+    let erased = (0x0009_a000..0x000a_c000).step_by(256);
+    assert!(blocks.eq(erased.map(|address| (address, vec![0xff; 256]))));
+    // One piece does not reach so far.
+    let dongle = Image::of(&PCA10059, &elf(&[(0x1000, &[1; 256])])).unwrap();
+    assert!(dongle.file(None, true).is_none());
+}
+
+#[test]
+fn bytes_are_found_in_a_uf2_file() {
+    let image = Image::of(&XIAO_NRF52840, &elf(&[(0x0002_7000, &pattern(600))])).unwrap();
+    let (_, mut file) = image.file(None, false).unwrap();
+    file.splice(0..0, [0; 512]);
+    let read = |at, len| uf2::read(&file, at, len);
+    assert_eq!(
+        read(0x0002_7000 + 250, 300).unwrap(),
+        pattern(600)[250..550]
+    );
+    assert_eq!(read(0x0002_7000 + 600, 168), Some(vec![0xff; 168]));
+    assert_eq!(read(0x0002_7000 + 600, 169), None);
+    assert_eq!(read(0x0002_6fff, 2), None);
+    assert_eq!(uf2::read(&file[..511], 0, 1), None);
 }

@@ -2,6 +2,10 @@
 
 use std::collections::BTreeMap;
 
+/// Bytes of a block.
+const BLOCK: usize = 512;
+/// Bytes of it before those of the flash.
+const HEAD: usize = 32;
 /// Bytes of the flash in a block.
 const PAYLOAD: usize = 256;
 /// Bytes of a block for them.
@@ -42,4 +46,35 @@ pub(crate) fn file(family: u32, parts: &BTreeMap<u32, Vec<u8>>) -> Vec<u8> {
         file.extend(LAST_MAGIC.to_le_bytes());
     }
     file
+}
+
+/// The family of the first block of a file.
+pub fn family(file: &[u8]) -> Option<u32> {
+    word(file, 28)
+}
+
+/// So many bytes at an address, if blocks of a file hold them all. What is no block is left.
+pub fn read(file: &[u8], address: u32, len: usize) -> Option<Vec<u8>> {
+    let mut bytes = vec![None; len];
+    for block in file.as_chunks::<BLOCK>().0 {
+        let magic = [word(block, 0)?, word(block, 4)?, word(block, BLOCK - 4)?];
+        if magic != [FIRST_MAGIC, SECOND_MAGIC, LAST_MAGIC] {
+            continue;
+        }
+        let (start, count) = (word(block, 12)?, word(block, 16)? as usize);
+        let payload = block.get(HEAD..HEAD + count.min(ROOM))?;
+        for (at, &byte) in (u64::from(start)..).zip(payload) {
+            let place = at.checked_sub(address.into());
+            let place = place.and_then(|place| bytes.get_mut(usize::try_from(place).ok()?));
+            if let Some(place) = place {
+                *place = Some(byte);
+            }
+        }
+    }
+    bytes.into_iter().collect()
+}
+
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    let bytes = bytes.get(at..)?.first_chunk()?;
+    Some(u32::from_le_bytes(*bytes))
 }

@@ -1,5 +1,6 @@
 //! `host-sim flash`: an image, and the page that says which node it is, onto a board.
 
+mod boot_loader;
 mod lock;
 
 use std::{
@@ -9,7 +10,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use board_facts::{BOARDS, Board, chip::Family};
+use board_facts::{BOARDS, Board, Loader, chip::Family};
 use clap::{
     Args,
     builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
@@ -19,9 +20,13 @@ use node_firmware::config::{
     CheckedConfig, Config,
     page::{self, PAGE_MAX, PageError},
 };
-use site::node::{self, RoleName};
+use site::{
+    durable::write_private,
+    node::{self, RoleName},
+};
 use xshell::{Cmd, Shell, cmd};
 
+use self::boot_loader::Volume;
 use super::{files::Files, print, provision::read_page, tell};
 
 /// Folder into which `cargo xtask firmware` puts images.
@@ -39,6 +44,9 @@ fn boards() -> impl TypedValueParser<Value = &'static Board> {
 
 /// Writes an image and a configuration page onto a board.
 ///
+/// With a debug probe (probe-rs); or, to a board that is sold with a boot loader, over its USB plug: as a file that is
+/// copied to the volume which the board shows.
+///
 /// The node's memory is kept. A page with another site key, role or number than the one in the
 /// board is refused without --erase-memory.
 #[derive(Args)]
@@ -53,8 +61,15 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
     /// Debug probe to use, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL.
+    /// A board with a boot loader is flashed by that, unless a probe is named.
     #[arg(long)]
     probe: Option<String>,
+    /// Writes the file that the boot loader of the board takes, image and page in one, and touches no board.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["probe", "volume", "lock", "unlock", "dry_run"])]
+    file: Option<PathBuf>,
+    /// Folder of the volume that the boot loader shows; without it, it is looked for.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["probe", "lock", "unlock", "dry_run"])]
+    volume: Option<PathBuf>,
     /// Makes the node forget its network, its place and its extended address: when it was moved, or
     /// its memory is damaged.
     #[arg(long, requires = "config")]
@@ -86,6 +101,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
 impl Arguments {
     fn flash(&self, sh: &Shell) -> Result<()> {
         let page = self.page()?;
+        if self.is_for_boot_loader() {
+            return self.by_boot_loader(page.as_ref());
+        }
         let has_probe_rs = is_on_path("probe-rs");
         ensure!(has_probe_rs || self.dry_run, INSTALL);
         if let Some((program, install)) = lock::locked_with(self.board)
@@ -147,6 +165,62 @@ impl Arguments {
         Ok(())
     }
 
+    fn is_for_boot_loader(&self) -> bool {
+        let asks_for_probe = self.probe.is_some() || self.lock || self.unlock || self.dry_run;
+        let asks_for_loader = self.file.is_some() || self.volume.is_some();
+        asks_for_loader || self.board.loader.is_some() && !asks_for_probe
+    }
+
+    /// Makes the file that the boot loader takes, and hands it over.
+    fn by_boot_loader(&self, page: Option<&Page>) -> Result<()> {
+        let Some(loader) = self.board.loader else {
+            bail!(
+                "{} has no boot loader: it is flashed with its debug probe",
+                self.board.title
+            );
+        };
+        let path = self.image()?;
+        let files = Files::default().reads([&path]).reads(&self.config);
+        files.writes(&self.file).check()?;
+        let elf = fs::read(&path).with_context(|| path.display().to_string())?;
+        let image = Image::of(self.board, &elf)?;
+        let bytes = page.map(|page| fs::read(&page.path)).transpose()?;
+        let file = image.file(bytes.as_deref(), self.erase_memory);
+        let (_, file) = file.with_context(|| {
+            format!(
+                "the boot loader of a {} cannot erase the memory: that takes a debug probe, named \
+                 with --probe",
+                self.board.title
+            )
+        })?;
+        if let Some(page) = page {
+            tell(node::text(&page.config)?.trim_end());
+        }
+        match (&self.file, loader) {
+            (Some(path), _) => {
+                // It may hold a key.
+                write_private(path, &file, true)
+                    .with_context(|| format!("{} was not written", path.display()))?;
+                if let Loader::Dfu { press, .. } = loader {
+                    tell(boot_loader::by_hand(press, path));
+                }
+                Ok(())
+            }
+            (None, Loader::Uf2 { .. }) => {
+                let volume = Volume::wait_for(self.board, self.volume.as_deref())?;
+                if let Some(page) = page.filter(|_| !self.erase_memory) {
+                    compare(&volume.page()?, &page.config)?;
+                }
+                volume.write(&file)
+            }
+            (None, Loader::Dfu { .. }) => bail!(
+                "a {} takes a package over its serial line, which another program brings: write it \
+                 with --file NODE.zip, which tells how",
+                self.board.title
+            ),
+        }
+    }
+
     fn page(&self) -> Result<Option<Page>> {
         let Some(path) = &self.config else {
             return Ok(None);
@@ -180,8 +254,7 @@ impl Arguments {
         Ok(image)
     }
 
-    /// Refuses a page that makes another node of the board: the node would go on with the former
-    /// one's memory.
+    /// Refuses a page that makes another node of the board, as [`compare`].
     fn compare(&self, sh: &Shell, new: &Config) -> Result<()> {
         let said = self.look(sh).quiet().read().context(
             "nothing was written: see what probe-rs says above. A board that was locked is \
@@ -194,33 +267,7 @@ impl Arguments {
              written: update probe-rs, or make the board forget with --erase-memory",
             bytes.len()
         );
-        let old = match page::decode(&bytes) {
-            Ok(old) => old,
-            Err(PageError::Blank) => return Ok(()),
-            Err(error) => bail!(
-                "the board has a page that cannot be compared with this one ({error}), and nothing \
-                 was written: make it forget what it learnt with --erase-memory"
-            ),
-        };
-        let [old_role, new_role] = [&old, new].map(|config| RoleName::from(&config.role));
-        let differences: Vec<_> = [
-            ("site key", old.site_key != new.site_key),
-            ("role", old_role != new_role),
-            ("number", old.id != new.id),
-        ]
-        .into_iter()
-        .filter_map(|(what, differs)| differs.then_some(what))
-        .collect();
-        if !differences.is_empty() {
-            bail!(
-                "the board is node {}, a {old_role}; the page has another {}, and nothing was \
-                 written: take another board, or make this one forget what it learnt with \
-                 --erase-memory",
-                old.id,
-                differences.join(", another ")
-            );
-        }
-        Ok(())
+        compare(&bytes, new)
     }
 
     /// Reads the page that the board has. Its output holds a key: it is not to be shown.
@@ -280,6 +327,38 @@ impl Arguments {
         }
         commands
     }
+}
+
+/// Refuses a page that makes another node of the board that has this page: the node would go on with the former one's
+/// memory.
+fn compare(bytes: &[u8], new: &Config) -> Result<()> {
+    let old = match page::decode(bytes) {
+        Ok(old) => old,
+        Err(PageError::Blank) => return Ok(()),
+        Err(error) => bail!(
+            "the board has a page that cannot be compared with this one ({error}), and nothing \
+             was written: make it forget what it learnt with --erase-memory"
+        ),
+    };
+    let [old_role, new_role] = [&old, new].map(|config| RoleName::from(&config.role));
+    let differences: Vec<_> = [
+        ("site key", old.site_key != new.site_key),
+        ("role", old_role != new_role),
+        ("number", old.id != new.id),
+    ]
+    .into_iter()
+    .filter_map(|(what, differs)| differs.then_some(what))
+    .collect();
+    if !differences.is_empty() {
+        bail!(
+            "the board is node {}, a {old_role}; the page has another {}, and nothing was \
+             written: take another board, or make this one forget what it learnt with \
+             --erase-memory",
+            old.id,
+            differences.join(", another ")
+        );
+    }
+    Ok(())
 }
 
 /// Files beside the image that are also written.

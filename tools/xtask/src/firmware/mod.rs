@@ -258,7 +258,7 @@ fn pack(board: &'static Board, path: &Path) -> Result<Image> {
     let elf = fs::read(path)?;
     let image = flash_file::Image::of(board, &elf).with_context(|| name(path))?;
     let mut files = name(path);
-    if let Some((ending, bytes)) = image.file(None) {
+    if let Some((ending, bytes)) = image.file(None, false) {
         let file = path.with_extension(ending);
         fs::write(&file, bytes)?;
         files = format!("{files}, {}", name(&file));
