@@ -229,7 +229,7 @@ mod tests {
                     assert!(!meet(part, other), "{name}: {part:x?}, {other:x?}");
                 }
             }
-            // What is erased is whole pages, of which nobody else has a part.
+            // What is erased is whole pages, of which no other part has a piece.
             let page = board.chip.page;
             for place in [facts.start, facts.end, link.end, image.start] {
                 assert!(place.is_multiple_of(page), "{}: {place:x}", board.name);

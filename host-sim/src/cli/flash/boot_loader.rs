@@ -186,7 +186,7 @@ fn volumes() -> Vec<PathBuf> {
     folders
 }
 
-/// What a person does with a package for a boot loader that takes it over a serial line.
+/// Instructions to a person who has a package for a boot loader that takes it over a serial line.
 pub(super) fn by_hand(press: &str, file: &Path) -> String {
     format!(
         "{press}; then type `nrfutil nrf5sdk-tools dfu usb-serial -pkg {} -p PORT`, with the serial \

@@ -392,7 +392,7 @@ fn nothing_is_skipped() {
     fs::write(place.path("other.elf"), other).unwrap();
     for (error, words) in [
         ("none.elf cannot be read", "--image=none.elf"),
-        ("text.elf is no image", "--image=text.elf"),
+        ("it is no image", "--image=text.elf"),
         ("no image for an ARM", "--image=other.elf"),
         ("behind the part for images", "--image=large.elf"),
         ("behind the part for images", "--image=ram.elf"),
@@ -534,13 +534,15 @@ fn a_boot_loader_of_another_board_gets_nothing() {
         "--image=image.elf",
         "--config=page.bin",
     ];
+    let mut damaged = other.clone();
+    damaged[20] ^= 1;
     let feather = XIAO.replace("SeeedXiao-v1", "Feather-revE");
     let old = XIAO.replace("7.3.0", "6.1.1");
     for (about, page, error) in [
         (&*feather, &[][..], "not that of a Seeed XIAO nRF52840"),
         (&old, &[], "has the SoftDevice `S140 6.1.1`"),
         (XIAO, &other, "another role"),
-        (XIAO, &[0; 512], "cannot be compared"),
+        (XIAO, &damaged, "cannot be compared"),
     ] {
         let folder = volume(&place, about, page);
         place.run(&words).fails(error);
