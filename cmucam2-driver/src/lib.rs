@@ -21,7 +21,7 @@
 //! [`stream`](Cmucam2::stream) for one that goes on.
 //!
 //! Whole programs, which only the boards' targets can build: with Embassy's buffered UART on an nRF52840
-//! (`boards/nrf52840/examples/cmucam2.rs`, 20 kB), and with a blocking UART of which one byte is peeked,
+//! (`boards/nrf52/examples/cmucam2.rs`, 20 kB), and with a blocking UART of which one byte is peeked,
 //! on an STM32L476 (`boards/nucleo-l476rg/examples/cmucam2_blocking.rs`).
 //!
 //! # What cannot be detected

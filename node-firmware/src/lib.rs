@@ -23,7 +23,8 @@
 //! keeps the stack that a function needs away from its caller, which waits for other things meanwhile.
 //!
 //! # Features
-//! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
+//! `camera`, `coordinator` and `target` are the roles that a node can have, by default all: one that is left out takes no
+//! memory, and its configuration is refused. `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
 //! crate is silent.
 #![no_std]
 #![forbid(unsafe_code)]

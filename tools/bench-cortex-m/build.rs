@@ -34,16 +34,15 @@ fn main() -> io::Result<()> {
         return Ok(()); // a host: nothing to link for
     };
     let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default());
-    // The linker looks for the `memory.x` of `link.x` in the working directory first, which for
-    // every member is the workspace's root: one written here would lose against the nRF52840's.
-    // Flash and RAM begin at the same addresses on all three, so only the ends are set.
+    let ram = 0x2000_0000;
     let script = format!(
-        "_stack_start = {:#x};\nASSERT(__sidata + SIZEOF(.data) <= {:#x}, \"flash is full\");\n",
-        board.ram_end, board.flash_end,
+        "MEMORY\n{{\n  FLASH : ORIGIN = 0, LENGTH = {:#x}\n  RAM : ORIGIN = {ram:#x}, LENGTH = {:#x}\n}}\n",
+        board.flash_end,
+        board.ram_end - ram,
     );
-    fs::write(out.join("bench-board.x"), script)?;
+    fs::write(out.join("memory.x"), script)?;
     println!("cargo:rustc-link-search={}", out.display());
-    for argument in ["--nmagic", "-Tbench-board.x", "-Tlink.x"] {
+    for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
     println!("cargo:rustc-env=SYSTICK_HZ={}", board.systick_hz);

@@ -1,38 +1,15 @@
-//! A node on an nRF52840. One image for all roles: its role stands in its configuration page.
-//!
-//! | module | |
-//! |---|---|
-//! | `board` | pins and peripherals, all in one place |
-//! | `identity` | a true random number |
-//! | `line` | the UART to the camera or the PC |
-//! | `memory` | the flash |
-//! | `node` | the tasks; their start is `board_support::start` |
-//! | `radio` | the radio on the chip |
-//! | `sensor_bus` | the I2C bus of a target's step sensor |
-//! | `watchdog` | the watchdog, and the reason why the chip last started |
+//! Use of each pin of an nRF52840-DK.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
-#![cfg_attr(
-    target_os = "none",
-    deny(
-        clippy::unwrap_used,
-        clippy::expect_used,
-        clippy::panic,
-        clippy::indexing_slicing
-    )
-)]
 
-cfg_if::cfg_if! {
-    if #[cfg(target_os = "none")] {
-        mod board;
-        mod identity;
-        mod line;
-        mod memory;
-        mod node;
-        mod radio;
-        mod sensor_bus;
-        mod watchdog;
-    } else {
-        board_support::not_on_a_computer!("an nRF52840");
-    }
+nrf52::board! {
+    board: NRF52840_DK,
+    camera: receive P1_01, send P1_02,
+    // The kit's debug probe makes a serial port of them.
+    console: receive P0_08, send P0_06,
+    // LED1 to LED4, between the supply and their pins.
+    lamps: lit by Low, joined P0_13, target_seen P0_14, calibrated P0_15, may_walk P0_16,
+    // Buttons 1 and 2.
+    buttons: join_window P0_11, learn_colour P0_12,
+    sensor: data P0_26, clock P0_27,
 }

@@ -60,7 +60,7 @@ impl HasLine for peripherals::USART3 {
 /// Parts of the chip that a node uses.
 pub(crate) struct Board {
     pub(crate) lines: Lines,
-    pub(crate) lamps: Lamps<Output<'static>, true>,
+    pub(crate) lamps: Lamps<Output<'static>>,
     pub(crate) buttons: PushButtons<ExtiInput<'static, Async>>,
     pub(crate) sensor: SensorBus,
     pub(crate) flash: Peri<'static, peripherals::FLASH>,
@@ -100,6 +100,7 @@ impl Board {
                 radio_send: p.PC10,
             },
             lamps: Lamps {
+                lit: true,
                 joined: lamp(p.PA5.into()),
                 target_seen: lamp(p.PA6.into()),
                 calibrated: lamp(p.PA7.into()),

@@ -33,6 +33,8 @@ cfg_if::cfg_if! {
         mod sensor_bus;
         mod watchdog;
     } else {
-        board_support::not_on_a_computer!("a NUCLEO-L476RG");
+        fn main() {
+            board_support::not_on_a_computer(&board_facts::NUCLEO_L476RG);
+        }
     }
 }

@@ -1,8 +1,7 @@
-//! The flash. Its pages are those of [`board_support::flash`].
+//! The flash. The owners of its parts are those of [`board_facts`].
 
-use board_support::{
-    flash::STM32L476RG, last_words::LastWords, memory::Paged, retained::say_and_restart,
-};
+use board_facts::NUCLEO_L476RG;
+use board_support::{last_words::LastWords, memory::Paged, retained::say_and_restart};
 use cortex_m_rt::exception;
 use embassy_stm32::{
     Peri,
@@ -12,9 +11,9 @@ use embassy_stm32::{
 };
 
 // The chip has the flash that is divided there.
-const _: () = assert!(STM32L476RG.start as usize == FLASH_BASE);
-const _: () = assert!(STM32L476RG.end as usize == FLASH_SIZE);
-const _: () = assert!(STM32L476RG.config as usize == FLASH_SIZE - MAX_ERASE_SIZE);
+const _: () = assert!(NUCLEO_L476RG.chip.flash as usize == FLASH_BASE);
+const _: () = assert!(NUCLEO_L476RG.chip.flash_bytes as usize == FLASH_SIZE);
+const _: () = assert!(NUCLEO_L476RG.chip.page as usize == MAX_ERASE_SIZE);
 
 /// The flash. Erasing a page stops the program for up to 25 ms, but no interrupt: the program is in
 /// the other bank.

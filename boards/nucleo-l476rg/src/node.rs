@@ -2,9 +2,9 @@
 
 use core::pin::pin;
 
+use board_facts::NUCLEO_L476RG;
 use board_support::{
     clock::EmbassyClock,
-    flash::STM32L476RG,
     memory::Paged,
     pins::{Lamps, PushButtons},
     start,
@@ -43,7 +43,7 @@ impl Hardware for Board {
     type Clock = EmbassyClock;
     type Flash = Flash;
     type Steps = &'static mut Steps;
-    type Indicator = Lamps<Output<'static>, true>;
+    type Indicator = Lamps<Output<'static>>;
     type Buttons = PushButtons<ExtiInput<'static, Async>>;
     type Observer = ();
 }
@@ -62,7 +62,7 @@ async fn begin(spawner: Spawner) {
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
     let mut flash = memory::open(board.flash);
-    let begun = start::begin(reset_cause(), (&mut flash, &STM32L476RG), board.sensor);
+    let begun = start::begin(reset_cause(), (&mut flash, &NUCLEO_L476RG), board.sensor);
     let (config, steps, liveness) = match begun {
         Ok(begun) => begun,
         Err(error) => start::stop(error).await,
@@ -73,7 +73,7 @@ async fn begin(spawner: Spawner) {
         radio: RADIO.init(SpinelRadio::new(radio, EmbassyClock)),
         clock: EmbassyClock,
         flash: Paged(flash),
-        layout: STM32L476RG.layout,
+        layout: start::layout(&NUCLEO_L476RG),
         steps: STEPS.init(steps),
         indicator: board.lamps,
         buttons: board.buttons,

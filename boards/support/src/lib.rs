@@ -3,7 +3,6 @@
 //! | module | |
 //! |---|---|
 //! | [`clock`] | time and delays from `embassy-time` |
-//! | [`flash`] | owners of the parts of a board's flash |
 //! | [`memory`] | the flash without long stops, and the configuration in it |
 //! | [`heartbeats`] | check that every task still runs, for a watchdog |
 //! | [`failure`] | reasons why a node cannot go on, in words |
@@ -25,7 +24,7 @@
     )
 )]
 
-#[cfg(test)]
+#[cfg(not(target_os = "none"))]
 extern crate std;
 
 // Functions with which every image copies.
@@ -34,7 +33,6 @@ use memory_functions as _;
 
 pub mod clock;
 pub mod failure;
-pub mod flash;
 pub mod heartbeats;
 pub mod i2c;
 pub mod last_words;
@@ -48,16 +46,12 @@ pub mod start;
 pub mod tasks;
 
 /// The `main` of a board's image where it is built for a computer: it says what to type instead.
-#[macro_export]
-macro_rules! not_on_a_computer {
-    ($board:literal) => {
-        fn main() {
-            eprintln!(concat!(
-                "this runs on ",
-                $board,
-                ": type `cargo xtask firmware`"
-            ));
-            std::process::exit(1);
-        }
-    };
+#[cfg(not(target_os = "none"))]
+pub fn not_on_a_computer(board: &board_facts::Board) -> ! {
+    std::eprintln!(
+        "this runs on a {}: type `cargo xtask firmware {}`",
+        board.title,
+        board.name
+    );
+    std::process::exit(1);
 }

@@ -1,5 +1,5 @@
-//! The flash of a board without long stops, and the configuration in it. The uses of the pages are in
-//! [`flash`](crate::flash).
+//! The flash of a board without long stops, and the configuration in it. The owners of its parts are those of
+//! [`board_facts`].
 
 use embassy_futures::yield_now;
 use embedded_storage::nor_flash::{self, ErrorType};

@@ -9,10 +9,12 @@ use node_firmware::hardware::{Button, Buttons, Indication, Indicator};
 /// Contacts bounce for some milliseconds.
 const BOUNCE: Duration = Duration::from_millis(20);
 
-/// Lamps, all wired in the same way. `LIT` is the level that lights them: low (false) between the supply
-/// and their pins, high (true) between their pins and ground.
+/// Lamps, all wired in the same way.
 #[derive(Debug)]
-pub struct Lamps<O, const LIT: bool> {
+pub struct Lamps<O> {
+    /// The level that lights them: low (false) between the supply and their pins, high (true) between their pins and
+    /// ground.
+    pub lit: bool,
     /// Dark while joining.
     pub joined: O,
     /// See [`Indication::target_seen`].
@@ -23,11 +25,12 @@ pub struct Lamps<O, const LIT: bool> {
     pub may_walk: O,
 }
 
-impl<O: OutputPin, const LIT: bool> Indicator for Lamps<O, LIT> {
+impl<O: OutputPin> Indicator for Lamps<O> {
     fn show(&mut self, indication: Indication) {
-        let set = |lamp: &mut O, lit: bool| {
+        let lit = self.lit;
+        let set = |lamp: &mut O, shines: bool| {
             // A pin of the chip never fails.
-            let _ = lamp.set_state(PinState::from(lit == LIT));
+            let _ = lamp.set_state(PinState::from(shines == lit));
         };
         set(&mut self.joined, indication.joined);
         set(&mut self.target_seen, indication.target_seen);
@@ -96,10 +99,11 @@ mod tests {
         }
     }
 
-    fn each_lamp_shows_its_own<const LIT: bool>() {
+    fn each_lamp_shows_its_own(lit: bool) {
         let pins: [Pin; 4] = Default::default();
         let [joined, target_seen, calibrated, may_walk] = pins.clone();
-        let mut lamps = Lamps::<_, LIT> {
+        let mut lamps = Lamps {
+            lit,
             joined,
             target_seen,
             calibrated,
@@ -114,14 +118,14 @@ mod tests {
                 may_walk: bit(3),
             });
             for (at, pin) in (0..).zip(&pins) {
-                assert_eq!(pin.0.get() == LIT, bit(at), "{at} of {number}");
+                assert_eq!(pin.0.get() == lit, bit(at), "{at} of {number}");
             }
         }
     }
 
     #[test]
     fn to_the_supply_and_to_ground() {
-        each_lamp_shows_its_own::<false>();
-        each_lamp_shows_its_own::<true>();
+        each_lamp_shows_its_own(false);
+        each_lamp_shows_its_own(true);
     }
 }

@@ -1,10 +1,12 @@
 //! The start of a board on which a node runs, and the node's task.
 
+use board_facts::{Board, regions::Regions};
 use embassy_time::{Duration, Timer};
 use embedded_hal_async::i2c::I2c;
 use embedded_storage::nor_flash::ReadNorFlash;
 use node_firmware::{
     config::{CheckedConfig, ConfigError, page::PageError},
+    hardware::FlashLayout,
     liveness::Liveness,
     message::Restart,
     run::Failure,
@@ -14,8 +16,7 @@ use static_cell::StaticCell;
 use zigbee_link::runner::RunnerError;
 
 use crate::{
-    clock::EmbassyClock, failure::describe, flash::Regions, last_words::LastWords,
-    memory::read_config, retained,
+    clock::EmbassyClock, failure::describe, last_words::LastWords, memory::read_config, retained,
 };
 
 /// Parts that [`begin`] makes.
@@ -24,6 +25,15 @@ pub type Begun<B> = (
     InertialSteps<B, EmbassyClock>,
     &'static Liveness,
 );
+
+/// The parts of a board's flash that its node writes.
+pub const fn layout(board: &Board) -> FlashLayout {
+    let Regions { facts, link, .. } = &board.regions;
+    FlashLayout {
+        facts: facts.start..facts.end,
+        link: link.start..link.end,
+    }
+}
 
 /// The watchdog as the cause of a start.
 pub const WATCHDOG: &str = "watchdog";
@@ -35,13 +45,13 @@ pub const WATCHDOG: &str = "watchdog";
 /// There is no configuration: [`stop`].
 pub fn begin<F: ReadNorFlash, B: I2c>(
     cause: &str,
-    (flash, regions): (&mut F, &Regions),
+    (flash, board): (&mut F, &Board),
     bus: B,
 ) -> Result<Begun<B>, PageError> {
     static NODE: StaticCell<(CheckedConfig, Liveness)> = StaticCell::new();
     let before = retained::take();
     tell_start(cause, &before);
-    let config = read_config(flash, regions.config)?;
+    let config = read_config(flash, board.regions.config.start)?;
     let liveness = Liveness::new(before.reason(cause == WATCHDOG));
     let (config, liveness): &(CheckedConfig, Liveness) = NODE.init((config, liveness));
     // The sensor may know more of its settings than the check of configurations.

@@ -6,7 +6,7 @@ use std::{
     rc::Rc,
 };
 
-use board_support::flash::NRF52840 as NRF52840_FLASH;
+use board_facts::NRF52840_DK;
 use calib_core::dead_reckoning::Step;
 use embassy_futures::select::{Either, select};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
@@ -46,8 +46,8 @@ use virtual_hardware::{
     random::Root,
 };
 
-/// Flash of an nRF52840 for the link, and for the role.
-const LINK: u32 = NRF52840_FLASH.layout.link.end - NRF52840_FLASH.layout.link.start;
+/// Flash of a board for the link, and for the role.
+const LINK: u32 = NRF52840_DK.regions.link.end - NRF52840_DK.regions.link.start;
 const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
 /// Time after which a board that failed restarts.

@@ -58,7 +58,7 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
 
 /// Writes a file that only its owner may read, in whole or not at all. One that exists is replaced or, without
 /// `overwrite`, an error.
-pub(crate) fn write_private(path: &Path, contents: &[u8], overwrite: bool) -> io::Result<()> {
+pub fn write_private(path: &Path, contents: &[u8], overwrite: bool) -> io::Result<()> {
     // Temporary files are made for their owner alone.
     let mut file = NamedTempFile::new_in(folder_of(path))?;
     file.write_all(contents)?;

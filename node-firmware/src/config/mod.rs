@@ -263,12 +263,14 @@ impl Subjects {
     }
 
     /// Returns true if a colour can get this number: they are numbered without gaps.
+    #[cfg_attr(not(feature = "camera"), allow(dead_code))]
     pub(crate) fn has_room_for(&self, colour: u8) -> bool {
         let place = usize::from(colour);
         matches!(self, Self::Colours(windows) if place <= windows.len() && place < COLOURS_MAX)
     }
 
     /// Gives a colour this window, if there is room for it.
+    #[cfg_attr(not(feature = "camera"), allow(dead_code))]
     pub(crate) fn learn(&mut self, colour: u8, window: ColourWindow) {
         if let Self::Colours(windows) = self {
             match windows.get_mut(usize::from(colour)) {

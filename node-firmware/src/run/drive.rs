@@ -65,18 +65,28 @@ pub(super) struct Services<'a, H: Hardware, N, F> {
 
 /// The driver of the node's role, of any kind: so [`drive`] is in an image once, not once for each.
 pub(super) enum AnyDriver<'a, Ticket> {
+    #[cfg(feature = "coordinator")]
     Coordinator(RoleDriver<'a, CoordinatorRole, Ticket>),
+    #[cfg(feature = "camera")]
     Camera(RoleDriver<'a, CameraRole, Ticket>),
+    #[cfg(feature = "target")]
     Target(RoleDriver<'a, TargetRole<'a>, Ticket>),
+    #[cfg(not(any(feature = "camera", feature = "coordinator", feature = "target")))]
+    None(RoleDriver<'a, CameraRole, Ticket>),
 }
 
 /// The same with a role of any kind.
 macro_rules! whichever {
     ($any:expr, $driver:ident => $action:expr) => {
         match $any {
+            #[cfg(feature = "coordinator")]
             AnyDriver::Coordinator($driver) => $action,
+            #[cfg(feature = "camera")]
             AnyDriver::Camera($driver) => $action,
+            #[cfg(feature = "target")]
             AnyDriver::Target($driver) => $action,
+            #[cfg(not(any(feature = "camera", feature = "coordinator", feature = "target")))]
+            AnyDriver::None($driver) => $action,
         }
     };
 }

@@ -15,9 +15,18 @@
 //!    sensor) take tasks from one channel, and put events into another. A camera and a coordinator
 //!    have buttons besides.
 
+// Parts of it that not all roles use.
+#![cfg_attr(
+    not(all(feature = "camera", feature = "coordinator", feature = "target")),
+    allow(dead_code, unused_imports, unused_variables)
+)]
+
+#[cfg(feature = "camera")]
 mod camera;
+#[cfg(feature = "coordinator")]
 mod coordinator;
 mod drive;
+#[cfg(feature = "target")]
 mod moving_target;
 mod outlined;
 mod shared_flash;
@@ -241,9 +250,11 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         liveness,
     };
     match &config.role {
+        #[cfg(feature = "coordinator")]
         RoleConfig::Coordinator(own) => {
             Outlined(pin!(coordinator::run(own, services, (uart, buttons)))).await
         }
+        #[cfg(feature = "camera")]
         RoleConfig::Camera(own) => {
             Outlined(pin!(camera::run(
                 (config.id, config.optics()),
@@ -253,6 +264,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
             )))
             .await
         }
+        #[cfg(feature = "target")]
         RoleConfig::Target(own) => {
             Outlined(pin!(moving_target::run(
                 (config.id, seed),
@@ -262,6 +274,9 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
             )))
             .await
         }
+        // Refused where configurations are checked.
+        #[cfg(not(all(feature = "camera", feature = "coordinator", feature = "target")))]
+        _ => core::future::pending().await,
     }
 }
 
@@ -274,8 +289,9 @@ fn share_node<'a, H: Hardware>(
     members: &[Option<Member>; MEMBERS],
 ) -> ZigbeeNetwork<&'a H::Clock> {
     match role {
+        #[cfg(feature = "coordinator")]
         RoleConfig::Coordinator(_) => share_coordinator::<H>(clock, settings, saved, members),
-        RoleConfig::Camera(_) | RoleConfig::Target(_) => share_device::<H>(clock, settings, saved),
+        _ => share_device::<H>(clock, settings, saved),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::{
     harness::{self, Suite},
 };
 
-const PACKAGE: &str = "nrf52840";
+const BOARD: board_facts::Board = board_facts::NRF52840_DK;
 /// Nodes of a site on it, and networks of `host-sim`.
 pub(crate) const SUITES: [Suite; 3] = [
     Suite {
@@ -39,7 +39,7 @@ const USED: &str = " bytes of stack were used";
 /// # Errors
 /// One of that fails.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
-    let image = firmware::build(sh, PACKAGE)?;
+    let image = firmware::build(sh, &BOARD, &[])?;
     compare(sh)?;
     let bound = firmware::stack_bound(&image)?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
@@ -100,7 +100,7 @@ fn most_used(said: &str, role: &str) -> Option<u64> {
 /// # Errors
 /// One of that fails.
 pub(crate) fn bench(sh: &Shell) -> Result<()> {
-    let image = firmware::build(sh, PACKAGE)?;
+    let image = firmware::build(sh, &BOARD, &[])?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
     let _cuts = sh.push_env("NODE_CUTS", "all");
     for (site, seconds, test) in [

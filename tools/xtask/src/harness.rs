@@ -11,6 +11,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use board_facts::Board;
 use serde_json::Value;
 use xshell::{Cmd, Shell, cmd};
 
@@ -19,13 +20,8 @@ use crate::{
     publish::{self, Library},
 };
 
-/// Members of the workspace that have no test of their own.
-const WITHOUT_TESTS: [&str; 4] = [
-    "bench-size",
-    "memory-functions",
-    "nrf52840",
-    "nucleo-l476rg",
-];
+/// Members of the workspace that have no test of their own, besides the boards.
+const WITHOUT_TESTS: [&str; 3] = ["bench-size", "memory-functions", "nrf52"];
 
 /// Settings of every build of tests, always the same, so that nothing is built twice. Clippy compiles the workspace,
 /// which saves a second pass over it, and refuses what it warns of. Data to build parts of a crate again, many
@@ -296,7 +292,7 @@ fn complete(members: &[&str], tests: &[&Tests]) -> Result<()> {
     for &member in members {
         let own = tests.iter().filter(|tests| tests.package == member);
         let count: usize = own.map(|tests| tests.all).sum();
-        let without = WITHOUT_TESTS.contains(&member);
+        let without = WITHOUT_TESTS.contains(&member) || Board::named(member).is_some();
         ensure!(count > 0 || without, "`{member}` has no test");
         ensure!(
             count == 0 || !without,

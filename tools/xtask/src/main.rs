@@ -64,10 +64,13 @@ enum Chore {
         #[arg(long, default_value_t = 0)]
         largest: usize,
     },
-    /// Images for all boards, to target/firmware, with what they take
+    /// Images for all boards, to target/firmware, with what they take, and files for their boot loaders
     Firmware {
         /// Only of these boards
         boards: Vec<String>,
+        /// Only with this role; may be given several times. Less flash and RAM, but another image for each role
+        #[arg(long = "role", value_parser = firmware::ROLE_NAMES)]
+        roles: Vec<String>,
     },
     /// Tests against programs of other projects, which are built from source first
     Peers,
@@ -84,15 +87,13 @@ enum Chore {
 }
 
 fn main() -> ExitCode {
-    // A copy of this program under another name is the linker, or the wrapper of the compiler.
+    // A copy of this program under another name is the wrapper of the compiler.
     let program = env::current_exe().unwrap_or_default();
     let done = match (
         program.file_stem().and_then(OsStr::to_str),
-        env::var_os(firmware::LINK_IN),
         env::var_os(usage::COUNT_IN),
     ) {
-        (Some(firmware::LINKER), Some(folder), _) => firmware::link(&folder),
-        (Some(usage::WRAPPER), _, Some(counter)) => usage::compile(Path::new(&counter)),
+        (Some(usage::WRAPPER), Some(counter)) => usage::compile(Path::new(&counter)),
         _ => run(Arguments::parse().chore),
     };
     done.unwrap_or_else(|error| {
@@ -133,9 +134,6 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         .parent()
         .and_then(Path::parent);
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test(_) | Chore::Firmware { .. } | Chore::Bench { .. } = chore {
-        firmware::prepare_linker(&sh)?;
-    }
     let done = match chore {
         Chore::Test(test) => return Ok(test.run(&sh)),
         Chore::Bench { topics } if topics == ["chip"] => chip::bench(&sh),
@@ -171,7 +169,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             scale::run(&sh)
         }
         Chore::Size { largest } => measure_size(&sh, largest),
-        Chore::Firmware { boards } => firmware::run(&sh, &boards),
+        Chore::Firmware { boards, roles } => firmware::run(&sh, &boards, &roles),
         Chore::Peers => {
             setup::packages(&sh)?;
             peers::run(&sh)

@@ -3,6 +3,10 @@
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
+use board_facts::{
+    BOARDS,
+    chip::{Chip, NRF52833},
+};
 use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
@@ -84,7 +88,7 @@ impl Stage {
     }
 }
 
-const STAGES: [Stage; 21] = [
+const STAGES: [Stage; 22] = [
     stage(
         "set-up",
         "tools that the others need, and a lock file that fits",
@@ -110,7 +114,7 @@ const STAGES: [Stage; 21] = [
     stage(
         "firmware",
         "images of the boards, their sizes, and where they may panic",
-        |sh| firmware::run(sh, &[]),
+        firmware::audit,
     )
     .needs(setup::linker),
     stage(
@@ -173,6 +177,9 @@ const STAGES: [Stage; 21] = [
     )
     .needs(setup::other_targets)
     .nightly(),
+    stage("boards", "images of all other boards", other_boards)
+        .needs(setup::linker)
+        .nightly(),
     stage("browsers", "the page in Firefox", peers::firefox)
         .needs(setup::firefox)
         .nightly(),
@@ -356,11 +363,27 @@ fn format(sh: &Shell) -> Result<()> {
 }
 
 fn lint(sh: &Shell) -> Result<()> {
-    // Boards of several chips do not compile together: each has features of its own.
-    let mut bare = BARE_CRATES.map(|name| ["--package", name]).concat();
-    for board in firmware::packages() {
-        let mut packages = std::mem::take(&mut bare);
-        packages.extend(["--package", board]);
+    clippy_boards(sh, &BARE_CRATES, |chip| chip != NRF52833)
+}
+
+/// The chip whose libraries nothing else of a day builds is for the night.
+fn other_boards(sh: &Shell) -> Result<()> {
+    clippy_boards(sh, &[], |chip| chip == NRF52833)?;
+    firmware::others(sh)
+}
+
+/// Checks the boards with some chips, and other packages with the first of them. Boards of several chips do not compile
+/// together: each chip has features of its own.
+fn clippy_boards(sh: &Shell, others: &[&str], is_chosen: fn(Chip) -> bool) -> Result<()> {
+    let mut boards: Vec<_> = BOARDS
+        .into_iter()
+        .filter(|board| is_chosen(*board.chip))
+        .collect();
+    let mut packages = others.to_vec();
+    while let Some(first) = boards.first().copied() {
+        let together = boards.extract_if(.., |board| board.chip == first.chip);
+        packages.extend(together.map(|board| board.name));
+        let packages = packages.drain(..).flat_map(|name| ["--package", name]);
         cmd!(
             sh,
             "cargo clippy --locked {packages...} --bins --target thumbv7em-none-eabihf -- --deny warnings"

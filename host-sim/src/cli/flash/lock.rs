@@ -4,9 +4,9 @@ use std::path::Path;
 
 use xshell::{Cmd, Shell, cmd};
 
-use super::Board;
+use board_facts::{Board, chip::Family};
 
-/// `UICR.APPROTECT` of the nRF52840 (Product Specification, "User information configuration
+/// `UICR.APPROTECT` of an nRF52 (Product Specification, "User information configuration
 /// registers").
 const APPROTECT: &str = "0x10001208";
 
@@ -18,58 +18,56 @@ pub(super) const ENABLED: [u8; 4] = [0x00, 0xFF, 0xFF, 0xFF];
 const INSTALL_OPENOCD: &str = "OpenOCD is not installed, with which this board is locked and unlocked: on Debian \
      type `sudo apt-get install openocd`; else see https://openocd.org/pages/getting-openocd.html";
 
-impl Board {
-    /// The program that locks the board, and what to do where it is missing; `None` if it is the program
-    /// that does everything else.
-    pub(super) const fn locked_with(self) -> Option<(&'static str, &'static str)> {
-        match self {
-            Self::Nrf52840 => None,
-            Self::NucleoL476rg => Some(("openocd", INSTALL_OPENOCD)),
-        }
+/// The program that locks a board, and what to do where it is missing; `None` if it is the program
+/// that does everything else.
+pub(super) const fn locked_with(board: &Board) -> Option<(&'static str, &'static str)> {
+    match board.chip.family {
+        Family::Nrf52 => None,
+        Family::Stm32l4 => Some(("openocd", INSTALL_OPENOCD)),
     }
+}
 
-    /// Closes the debug port, from the next reset or power-on. `enabled` is a file with [`ENABLED`].
-    pub(super) fn lock<'a>(
-        self,
-        sh: &'a Shell,
-        probe: Option<&str>,
-        options: &[&str],
-        enabled: &Path,
-    ) -> Cmd<'a> {
-        match self {
-            // The pins' reset and the supply's voltage are in the same page.
-            Self::Nrf52840 => cmd!(
-                sh,
-                "probe-rs download {options...} --restore-unwritten --binary-format bin --base-address {APPROTECT} {enabled}"
-            ),
-            Self::NucleoL476rg => open_ocd(sh, probe, "lock"),
-        }
+/// Closes the debug port, from the next reset or power-on. `enabled` is a file with [`ENABLED`].
+pub(super) fn lock<'a>(
+    board: &Board,
+    sh: &'a Shell,
+    probe: Option<&str>,
+    options: &[&str],
+    enabled: &Path,
+) -> Cmd<'a> {
+    match board.chip.family {
+        // The pins' reset and the supply's voltage are in the same page.
+        Family::Nrf52 => cmd!(
+            sh,
+            "probe-rs download {options...} --restore-unwritten --binary-format bin --base-address {APPROTECT} {enabled}"
+        ),
+        Family::Stm32l4 => open_ocd(sh, probe, "lock"),
     }
+}
 
-    /// Opens the debug port, and erases all.
-    pub(super) fn unlock<'a>(
-        self,
-        sh: &'a Shell,
-        probe: Option<&str>,
-        options: &[&str],
-    ) -> Cmd<'a> {
-        match self {
-            Self::Nrf52840 => cmd!(sh, "probe-rs erase {options...} --allow-erase-all"),
-            Self::NucleoL476rg => open_ocd(sh, probe, "unlock"),
-        }
+/// Opens the debug port, and erases all.
+pub(super) fn unlock<'a>(
+    board: &Board,
+    sh: &'a Shell,
+    probe: Option<&str>,
+    options: &[&str],
+) -> Cmd<'a> {
+    match board.chip.family {
+        Family::Nrf52 => cmd!(sh, "probe-rs erase {options...} --allow-erase-all"),
+        Family::Stm32l4 => open_ocd(sh, probe, "unlock"),
     }
+}
 
-    /// Step that a person has to take before a lock holds.
-    pub(super) const fn after_locking(self) -> &'static str {
-        match self {
-            Self::Nrf52840 => {
-                "the debug port is closed after this reset: see for yourself that `probe-rs info` \
-                 is refused"
-            }
-            Self::NucleoL476rg => {
-                "the debug port is closed: take the board from its power once, as it does not start \
-                 while a debugger is connected"
-            }
+/// Step that a person has to take before a lock holds.
+pub(super) const fn after_locking(board: &Board) -> &'static str {
+    match board.chip.family {
+        Family::Nrf52 => {
+            "the debug port is closed after this reset: see for yourself that `probe-rs info` \
+             is refused"
+        }
+        Family::Stm32l4 => {
+            "the debug port is closed: take the board from its power once, as it does not start \
+             while a debugger is connected"
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `host-sim flash`: an image, and the page that says which node it is, onto a board.
 
-mod image;
+mod boot_loader;
 mod lock;
 
 use std::{
@@ -10,15 +10,23 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use board_support::flash::{NRF52840, Regions, STM32L476RG};
-use clap::{Args, ValueEnum};
+use board_facts::{BOARDS, Board, Loader, chip::Family};
+use clap::{
+    Args,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
+use flash_file::Image;
 use node_firmware::config::{
     CheckedConfig, Config,
     page::{self, PAGE_MAX, PageError},
 };
-use site::node::{self, RoleName};
+use site::{
+    durable::write_private,
+    node::{self, RoleName},
+};
 use xshell::{Cmd, Shell, cmd};
 
+use self::boot_loader::Volume;
 use super::{files::Files, print, provision::read_page, tell};
 
 /// Folder into which `cargo xtask firmware` puts images.
@@ -28,48 +36,24 @@ const INSTALL: &str = "probe-rs is not installed: see https://probe.rs/docs/gett
      type `cargo install probe-rs-tools --locked` (on Debian after `sudo apt-get install \
      pkg-config libudev-dev`)";
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Board {
-    /// nRF52840-DK, or another board with this chip.
-    Nrf52840,
-    /// NUCLEO-L476RG with a radio co-processor, or another board with this chip.
-    #[value(name = "nucleo-l476rg")]
-    NucleoL476rg,
-}
-
-impl Board {
-    /// The name of its image.
-    const fn image(self) -> &'static str {
-        match self {
-            Self::Nrf52840 => "nrf52840-node.elf",
-            Self::NucleoL476rg => "nucleo-l476rg-node.elf",
-        }
-    }
-
-    /// The chip's name for probe-rs.
-    const fn chip(self) -> &'static str {
-        match self {
-            Self::Nrf52840 => "nRF52840_xxAA",
-            Self::NucleoL476rg => "STM32L476RGTx",
-        }
-    }
-
-    const fn regions(self) -> Regions {
-        match self {
-            Self::Nrf52840 => NRF52840,
-            Self::NucleoL476rg => STM32L476RG,
-        }
-    }
+/// The names of the boards.
+fn boards() -> impl TypedValueParser<Value = &'static Board> {
+    PossibleValuesParser::new(BOARDS.map(|board| PossibleValue::new(board.name).help(board.title)))
+        .try_map(|name| Board::named(&name).ok_or("no such board"))
 }
 
 /// Writes an image and a configuration page onto a board.
+///
+/// With a debug probe (probe-rs); or, to a board that is sold with a boot loader, over its USB plug: as a file that is
+/// copied to the volume which the board shows.
 ///
 /// The node's memory is kept. A page with another site key, role or number than the one in the
 /// board is refused without --erase-memory.
 #[derive(Args)]
 pub(super) struct Arguments {
     /// Kind of board.
-    board: Board,
+    #[arg(value_parser = boards())]
+    board: &'static Board,
     /// The page, of `host-sim provision`; without it, the node keeps the one it has.
     #[arg(long, value_name = "PAGE")]
     config: Option<PathBuf>,
@@ -77,8 +61,15 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
     /// Debug probe to use, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL.
+    /// A board with a boot loader is flashed by that, unless a probe is named.
     #[arg(long)]
     probe: Option<String>,
+    /// Writes the file that the boot loader of the board takes, image and page in one, and touches no board.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["probe", "volume", "lock", "unlock", "dry_run"])]
+    file: Option<PathBuf>,
+    /// Folder of the volume that the boot loader shows; without it, it is looked for.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["probe", "lock", "unlock", "dry_run"])]
+    volume: Option<PathBuf>,
     /// Makes the node forget its network, its place and its extended address: when it was moved, or
     /// its memory is damaged.
     #[arg(long, requires = "config")]
@@ -110,9 +101,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
 impl Arguments {
     fn flash(&self, sh: &Shell) -> Result<()> {
         let page = self.page()?;
+        if self.is_for_boot_loader() {
+            return self.by_boot_loader(page.as_ref());
+        }
         let has_probe_rs = is_on_path("probe-rs");
         ensure!(has_probe_rs || self.dry_run, INSTALL);
-        if let Some((program, install)) = self.board.locked_with()
+        if let Some((program, install)) = lock::locked_with(self.board)
             && (self.lock || self.unlock)
             && !is_on_path(program)
         {
@@ -153,7 +147,7 @@ impl Arguments {
             self.compare(sh, &page.config)?;
         }
         if self.erase_memory {
-            let (_, bytes) = self.board.regions().memory();
+            let (_, bytes) = self.board.memory();
             write(&beside.erased, &vec![0xFF; bytes as usize])?;
         }
         if self.lock {
@@ -166,9 +160,65 @@ impl Arguments {
             )?;
         }
         if self.lock {
-            tell(self.board.after_locking());
+            tell(lock::after_locking(self.board));
         }
         Ok(())
+    }
+
+    fn is_for_boot_loader(&self) -> bool {
+        let asks_for_probe = self.probe.is_some() || self.lock || self.unlock || self.dry_run;
+        let asks_for_loader = self.file.is_some() || self.volume.is_some();
+        asks_for_loader || self.board.loader.is_some() && !asks_for_probe
+    }
+
+    /// Makes the file that the boot loader takes, and hands it over.
+    fn by_boot_loader(&self, page: Option<&Page>) -> Result<()> {
+        let Some(loader) = self.board.loader else {
+            bail!(
+                "{} has no boot loader: it is flashed with its debug probe",
+                self.board.title
+            );
+        };
+        let path = self.image()?;
+        let files = Files::default().reads([&path]).reads(&self.config);
+        files.writes(&self.file).check()?;
+        let elf = fs::read(&path).with_context(|| path.display().to_string())?;
+        let image = Image::of(self.board, &elf)?;
+        let bytes = page.map(|page| fs::read(&page.path)).transpose()?;
+        let file = image.file(bytes.as_deref(), self.erase_memory);
+        let (_, file) = file.with_context(|| {
+            format!(
+                "the boot loader of a {} cannot erase the memory: that takes a debug probe, named \
+                 with --probe",
+                self.board.title
+            )
+        })?;
+        if let Some(page) = page {
+            tell(node::text(&page.config)?.trim_end());
+        }
+        match (&self.file, loader) {
+            (Some(path), _) => {
+                // It may hold a key.
+                write_private(path, &file, true)
+                    .with_context(|| format!("{} was not written", path.display()))?;
+                if let Loader::Dfu { press, .. } = loader {
+                    tell(boot_loader::by_hand(press, path));
+                }
+                Ok(())
+            }
+            (None, Loader::Uf2 { .. }) => {
+                let volume = Volume::wait_for(self.board, self.volume.as_deref())?;
+                if let Some(page) = page.filter(|_| !self.erase_memory) {
+                    compare(&volume.page()?, &page.config)?;
+                }
+                volume.write(&file)
+            }
+            (None, Loader::Dfu { .. }) => bail!(
+                "a {} takes a package over its serial line, which another program brings: write it \
+                 with --file NODE.zip, which tells how",
+                self.board.title
+            ),
+        }
     }
 
     fn page(&self) -> Result<Option<Page>> {
@@ -185,7 +235,7 @@ impl Arguments {
     fn image(&self) -> Result<PathBuf> {
         let image = match &self.image {
             Some(image) => image.clone(),
-            None => Path::new(IMAGES).join(self.board.image()),
+            None => Path::new(IMAGES).join(format!("{}-node.elf", self.board.name)),
         };
         if self.image.is_none() && !image.is_file() {
             let missing = format!(
@@ -197,28 +247,14 @@ impl Arguments {
             tell(missing);
             return Ok(image);
         }
-        let range = image::flash_range(&image)?;
-        let regions = self.board.regions();
-        let (least, most) = (regions.start, regions.image_end());
-        ensure!(
-            range.start >= least.into(),
-            "{} begins at {:#x}, before the board's flash at {least:#x}: is it an image for this \
-             board?",
-            image.display(),
-            range.start
-        );
-        ensure!(
-            range.end <= most.into(),
-            "{} reaches up to {:#x}, into the pages of the node, which begin at {most:#x}: is \
-             it an image for this board?",
-            image.display(),
-            range.end
-        );
+        let bytes = fs::read(&image);
+        let bytes = bytes.with_context(|| format!("{} cannot be read", image.display()))?;
+        Image::of(self.board, &bytes)
+            .with_context(|| format!("{} was not written", image.display()))?;
         Ok(image)
     }
 
-    /// Refuses a page that makes another node of the board: the node would go on with the former
-    /// one's memory.
+    /// Refuses a page that makes another node of the board, as [`compare`].
     fn compare(&self, sh: &Shell, new: &Config) -> Result<()> {
         let said = self.look(sh).quiet().read().context(
             "nothing was written: see what probe-rs says above. A board that was locked is \
@@ -231,45 +267,19 @@ impl Arguments {
              written: update probe-rs, or make the board forget with --erase-memory",
             bytes.len()
         );
-        let old = match page::decode(&bytes) {
-            Ok(old) => old,
-            Err(PageError::Blank) => return Ok(()),
-            Err(error) => bail!(
-                "the board has a page that cannot be compared with this one ({error}), and nothing \
-                 was written: make it forget what it learnt with --erase-memory"
-            ),
-        };
-        let [old_role, new_role] = [&old, new].map(|config| RoleName::from(&config.role));
-        let differences: Vec<_> = [
-            ("site key", old.site_key != new.site_key),
-            ("role", old_role != new_role),
-            ("number", old.id != new.id),
-        ]
-        .into_iter()
-        .filter_map(|(what, differs)| differs.then_some(what))
-        .collect();
-        if !differences.is_empty() {
-            bail!(
-                "the board is node {}, a {old_role}; the page has another {}, and nothing was \
-                 written: take another board, or make this one forget what it learnt with \
-                 --erase-memory",
-                old.id,
-                differences.join(", another ")
-            );
-        }
-        Ok(())
+        compare(&bytes, new)
     }
 
     /// Reads the page that the board has. Its output holds a key: it is not to be shown.
     fn look<'a>(&self, sh: &'a Shell) -> Cmd<'a> {
         let probe = &self.probe_options();
-        let address = format!("{:#010x}", self.board.regions().config_address());
+        let address = format!("{:#010x}", self.board.config());
         let bytes = PAGE_MAX.to_string();
         cmd!(sh, "probe-rs read {probe...} b8 {address} {bytes}")
     }
 
     fn probe_options(&self) -> Vec<&str> {
-        let mut options = vec!["--chip", self.board.chip()];
+        let mut options = vec!["--chip", self.board.chip.probe];
         if let Some(selector) = &self.probe {
             options.extend(["--probe", selector]);
         }
@@ -285,7 +295,6 @@ impl Arguments {
         page: Option<&Path>,
         beside: &Beside,
     ) -> Vec<Cmd<'a>> {
-        let regions = self.board.regions();
         let probe = &self.probe_options();
         let bytes = |path: &Path, address: u32| {
             let address = format!("{address:#010x}");
@@ -296,25 +305,60 @@ impl Arguments {
         };
         let selector = self.probe.as_deref();
         let mut commands = Vec::new();
-        commands.extend(self.unlock.then(|| self.board.unlock(sh, selector, probe)));
+        commands.extend(
+            self.unlock
+                .then(|| lock::unlock(self.board, sh, selector, probe)),
+        );
         commands.push(cmd!(
             sh,
             "probe-rs download {probe...} --verify --binary-format elf {image}"
         ));
-        commands.extend(page.map(|page| bytes(page, regions.config_address())));
-        let (memory, _) = regions.memory();
+        commands.extend(page.map(|page| bytes(page, self.board.config())));
+        let (memory, _) = self.board.memory();
         commands.extend(self.erase_memory.then(|| bytes(&beside.erased, memory)));
         let reset = cmd!(sh, "probe-rs reset {probe...}");
         let lock = self
             .lock
-            .then(|| self.board.lock(sh, selector, probe, &beside.enabled));
+            .then(|| lock::lock(self.board, sh, selector, probe, &beside.enabled));
         // OpenOCD starts the board itself, and nothing connects to it after that.
-        match self.board {
-            Board::Nrf52840 => commands.extend(lock.into_iter().chain([reset])),
-            Board::NucleoL476rg => commands.push(lock.unwrap_or(reset)),
+        match self.board.chip.family {
+            Family::Nrf52 => commands.extend(lock.into_iter().chain([reset])),
+            Family::Stm32l4 => commands.push(lock.unwrap_or(reset)),
         }
         commands
     }
+}
+
+/// Refuses a page that makes another node of the board that has this page: the node would go on with the former one's
+/// memory.
+fn compare(bytes: &[u8], new: &Config) -> Result<()> {
+    let old = match page::decode(bytes) {
+        Ok(old) => old,
+        Err(PageError::Blank) => return Ok(()),
+        Err(error) => bail!(
+            "the board has a page that cannot be compared with this one ({error}), and nothing \
+             was written: make it forget what it learnt with --erase-memory"
+        ),
+    };
+    let [old_role, new_role] = [&old, new].map(|config| RoleName::from(&config.role));
+    let differences: Vec<_> = [
+        ("site key", old.site_key != new.site_key),
+        ("role", old_role != new_role),
+        ("number", old.id != new.id),
+    ]
+    .into_iter()
+    .filter_map(|(what, differs)| differs.then_some(what))
+    .collect();
+    if !differences.is_empty() {
+        bail!(
+            "the board is node {}, a {old_role}; the page has another {}, and nothing was \
+             written: take another board, or make this one forget what it learnt with \
+             --erase-memory",
+            old.id,
+            differences.join(", another ")
+        );
+    }
+    Ok(())
 }
 
 /// Files beside the image that are also written.

@@ -80,7 +80,7 @@ pub enum EmulatorError {
         why: String,
     },
     /// Wires are not connected as they should be.
-    #[error("the image of node {id} is not for this board (boards/nrf52840/src/board.rs): {why}")]
+    #[error("the image of node {id} is not for this board (boards/nrf52840/src/main.rs): {why}")]
     Wires {
         /// The node.
         id: u16,

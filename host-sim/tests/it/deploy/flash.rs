@@ -1,6 +1,12 @@
 //! Calls of probe-rs by `host-sim flash`; a script takes the place of probe-rs.
 
-use std::fs;
+use std::{
+    fs,
+    os::unix::fs::PermissionsExt,
+    path::{Path, PathBuf},
+    thread,
+    time::Duration,
+};
 
 use node_firmware::config::page::PAGE_MAX;
 
@@ -146,11 +152,11 @@ fn another_board() {
         "--erase-memory",
     ];
     // The image of the other board, and one that is too long.
-    place.run(&words).fails("before the board's flash");
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1801)).unwrap();
-    place.run(&words).fails("into the pages of the node");
+    place.run(&words).fails("before the board's image");
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x0808_0001)).unwrap();
+    place.run(&words).fails("behind the part for images");
     assert!(calls(&place).is_empty());
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x0808_0000)).unwrap();
     place.run(&words[..4]).ok();
     place.run(&words).ok();
     let image = format!("download {chip} --verify --binary-format elf image.elf");
@@ -241,7 +247,7 @@ fn a_locked_board_is_erased_first() {
 fn another_board_is_locked_with_another_program() {
     let place = place();
     install(&place);
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x0808_0000)).unwrap();
     let words = [
         "flash",
         "nucleo-l476rg",
@@ -386,10 +392,10 @@ fn nothing_is_skipped() {
     fs::write(place.path("other.elf"), other).unwrap();
     for (error, words) in [
         ("none.elf cannot be read", "--image=none.elf"),
-        ("text.elf is no image", "--image=text.elf"),
+        ("it is no image", "--image=text.elf"),
         ("no image for an ARM", "--image=other.elf"),
-        ("into the pages of the node", "--image=large.elf"),
-        ("into the pages of the node", "--image=ram.elf"),
+        ("behind the part for images", "--image=large.elf"),
+        ("behind the part for images", "--image=ram.elf"),
         ("is no page", "--image=image.elf --config=damaged.bin"),
         ("cut off", "--image=image.elf --config=cut.bin"),
         (
@@ -423,4 +429,175 @@ fn a_failure_ends_it() {
         .run_with(&FLASH, &[("FAIL", "read")])
         .fails("nothing was written");
     assert_eq!(calls(&place)[3..], [LOOK]);
+}
+
+/// Texts of boot loaders, as they show them (Adafruit's boot loader, `ghostfat.c`).
+const XIAO: &str = "UF2 Bootloader 0.6.1\r\nModel: Seeed XIAO nRF52840\r\nBoard-ID: nRF52840-SeeedXiao-v1\r\n\
+                    Date: Nov 12 2021\r\nSoftDevice: S140 7.3.0\r\n";
+
+/// A block of a UF2 file (<https://github.com/microsoft/uf2>, "File format").
+fn block(address: u32, bytes: &[u8]) -> Vec<u8> {
+    let head = [
+        0x0a32_4655,
+        0x9e5d_5157,
+        0x2000,
+        address,
+        256,
+        0,
+        1,
+        0x2886_0044,
+    ];
+    let mut block: Vec<u8> = head.into_iter().flat_map(u32::to_le_bytes).collect();
+    block.extend(bytes);
+    block.resize(288, 0xff);
+    block.resize(508, 0);
+    block.extend(0x0ab1_6f30_u32.to_le_bytes());
+    block
+}
+
+/// A volume whose board has this page, or none.
+fn volume(place: &Place, about: &str, page: &[u8]) -> PathBuf {
+    let folder = place.path("volume");
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("INFO_UF2.TXT"), about).unwrap();
+    let (first, second) = page.split_at(page.len().min(256));
+    let shown = [block(0x000a_c000, first), block(0x000a_c100, second)];
+    fs::write(folder.join("CURRENT.UF2"), shown.concat()).unwrap();
+    folder
+}
+
+/// A boot loader, which goes away once it has all blocks. Returns their addresses with their bytes.
+fn boot_loader(folder: &Path) -> thread::JoinHandle<Vec<(u32, Vec<u8>)>> {
+    let folder = folder.to_owned();
+    thread::spawn(move || {
+        loop {
+            let file = fs::read(folder.join("NODE.UF2")).unwrap_or_default();
+            let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
+            if file.len() >= 512 && file.len() == 512 * word(24) as usize {
+                fs::remove_file(folder.join("INFO_UF2.TXT")).unwrap();
+                let blocks = (0..file.len()).step_by(512);
+                let blocks = blocks.map(|at| (word(at + 12), file[at + 32..at + 288].to_vec()));
+                return blocks.collect();
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+    })
+}
+
+/// No probe-rs is there: the file goes to the volume. The XIAO's image begins at 0x27000, its page is at 0xac000.
+#[test]
+fn a_boot_loader_takes_image_and_page() {
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7004)).unwrap();
+    let page = fs::read(place.path("page.bin")).unwrap();
+    let words = [
+        "flash",
+        "xiao-nrf52840",
+        "--volume=volume",
+        "--image=image.elf",
+        "--config=page.bin",
+    ];
+    for board_has in [&[][..], &page] {
+        let folder = volume(&place, XIAO, board_has);
+        let loader = boot_loader(&folder);
+        place.run(&words).ok();
+        let blocks = loader.join().unwrap();
+        let addresses: Vec<_> = blocks.iter().map(|(address, _)| *address).collect();
+        assert!(addresses.starts_with(&[0x0002_7000]), "{addresses:x?}");
+        assert!(blocks[0].1.starts_with(b"code\xff"));
+        let written: Vec<u8> = blocks[1..]
+            .iter()
+            .flat_map(|(_, bytes)| bytes.clone())
+            .collect();
+        assert_eq!(addresses[1], 0x000a_c000);
+        assert!(written.starts_with(&page));
+        fs::remove_dir_all(folder).unwrap();
+    }
+    // The image alone leaves the page.
+    let folder = volume(&place, XIAO, &page);
+    let loader = boot_loader(&folder);
+    place.run(&words[..4]).ok();
+    assert_eq!(loader.join().unwrap().len(), 1);
+}
+
+/// Nothing is written to another board, to one whose program begins elsewhere, or over another node.
+#[test]
+fn a_boot_loader_of_another_board_gets_nothing() {
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7004)).unwrap();
+    provision(&place, "camera", "other.bin");
+    let other = fs::read(place.path("other.bin")).unwrap();
+    let words = [
+        "flash",
+        "xiao-nrf52840",
+        "--volume=volume",
+        "--image=image.elf",
+        "--config=page.bin",
+    ];
+    let mut damaged = other.clone();
+    damaged[20] ^= 1;
+    let feather = XIAO.replace("SeeedXiao-v1", "Feather-revE");
+    let old = XIAO.replace("7.3.0", "6.1.1");
+    for (about, page, error) in [
+        (&*feather, &[][..], "not that of a Seeed XIAO nRF52840"),
+        (&old, &[], "has the SoftDevice `S140 6.1.1`"),
+        (XIAO, &other, "another role"),
+        (XIAO, &damaged, "cannot be compared"),
+    ] {
+        let folder = volume(&place, about, page);
+        place.run(&words).fails(error);
+        assert!(!folder.join("NODE.UF2").exists());
+    }
+    // One that forgets may be any node. Its memory is at 0x9a000 to 0xabfff.
+    let folder = volume(&place, XIAO, &other);
+    let loader = boot_loader(&folder);
+    let forget = [&words[..], &["--erase-memory"]].concat();
+    place.run(&forget).ok();
+    let blocks = loader.join().unwrap();
+    let erased = blocks.iter().filter(|(address, bytes)| {
+        (0x0009_a000..0x000a_c000).contains(address) && bytes.iter().all(|&byte| byte == 0xff)
+    });
+    assert_eq!(erased.count(), 0x1_2000 / 256);
+    // A development kit has its probe, and an image is for one board.
+    let kit = ["flash", "nrf52840", "--volume=volume", "--image=image.elf"];
+    place.run(&kit).fails("has no boot loader");
+    fs::write(place.path("image.elf"), elf(0x0002_6000, 0x0002_6004)).unwrap();
+    place.run(&words).fails("before the board's image");
+}
+
+/// A dongle takes a package, which another program brings; it holds the site key.
+#[test]
+fn a_file_for_a_boot_loader() {
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x1000, 0x1004)).unwrap();
+    let words = [
+        "flash",
+        "pca10059",
+        "--image=image.elf",
+        "--config=page.bin",
+        "--file=node.zip",
+    ];
+    place.run(&words[..4]).fails("--file NODE.zip");
+    let run = place.run(&words);
+    assert!(
+        run.stderr.contains("dfu usb-serial -pkg node.zip"),
+        "{}",
+        run.stderr
+    );
+    run.ok();
+    let path = place.path("node.zip");
+    assert_eq!(
+        fs::metadata(&path).unwrap().permissions().mode() & 0o777,
+        0o600
+    );
+    let package = fs::read(path).unwrap();
+    let page = fs::read(place.path("page.bin")).unwrap();
+    let has = |bytes: &[u8]| package.windows(bytes.len()).any(|part| part == bytes);
+    assert!(has(&page) && has(b"manifest.json"));
+    let forget = [&words[..], &["--erase-memory"]].concat();
+    place.run(&forget).fails("cannot erase the memory");
+    place
+        .run(&[&words[..4], &["--file=page.bin"]].concat())
+        .fails("page.bin");
+    assert_eq!(fs::read(place.path("page.bin")).unwrap(), page);
 }

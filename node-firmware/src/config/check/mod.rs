@@ -186,6 +186,8 @@ pub enum ConfigError {
     Dwell,
     /// The step sensor's hard iron or step length.
     Sensor,
+    /// The firmware was built without this role.
+    Role,
 }
 
 impl fmt::Display for ConfigError {
@@ -247,6 +249,7 @@ impl fmt::Display for ConfigError {
             Self::BallRadius => "ball-radius must be 0 to 1000, 0 if it is not known",
             Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
             Self::Sensor => "sensor: hard-iron must be -400 to 400 uT, step-length above 0",
+            Self::Role => "role: this firmware was built without it (features of `node-firmware`)",
         })
     }
 }
@@ -264,6 +267,14 @@ impl Config {
             (self.channels & !all == 0, ConfigError::Channels),
             ((-40..=20).contains(&self.tx_power), ConfigError::TxPower),
         ])?;
+        let is_built = match self.role {
+            RoleConfig::Coordinator(_) => cfg!(feature = "coordinator"),
+            RoleConfig::Camera(_) => cfg!(feature = "camera"),
+            RoleConfig::Target(_) => cfg!(feature = "target"),
+        };
+        if !is_built {
+            return Err(ConfigError::Role);
+        }
         let key = self.site_key.key().ok_or(ConfigError::SiteKey)?;
         let channels = channels(self.channels).ok_or(ConfigError::Channels)?;
         let (lens, baud) = match &self.role {

@@ -8,14 +8,12 @@ mod stack;
 mod thumb;
 
 use std::{
-    env,
-    ffi::OsStr,
-    fs,
+    env, fs,
     path::{Path, PathBuf},
-    process::{Command, ExitCode},
 };
 
 use anyhow::{Context, Result, ensure};
+use board_facts::{BOARDS, Board, chip::Family};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
@@ -31,10 +29,6 @@ const PROFILE: &str = "firmware";
 /// Folder of the images.
 const DIRECTORY: &str = "target/firmware";
 
-/// The folder in which this program is the linker of images. `memory.x` is looked for where the linker
-/// runs, before all other folders, and cargo runs it where the one of the nRF52840 is.
-pub(crate) const LINK_IN: &str = "XTASK_LINK_IN";
-
 /// Limit of inlining. At `opt-level = "z"` LLVM stops at 5, where many a call takes more than the function that is
 /// called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 40 or 60 less than that.
 const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
@@ -45,9 +39,10 @@ const LOG: &str = "DEFMT_LOG";
 /// Number of the largest symbols that are listed.
 const LARGEST: usize = 12;
 
-/// A board, and the bytes that its image may take.
-struct Board {
-    package: &'static str,
+/// A board whose image is looked into, and the bytes that it may take. Images of other boards with its chip have the
+/// same code.
+struct Audited {
+    board: &'static Board,
     /// Its name in the documentation.
     name: &'static str,
     budget: Budget,
@@ -64,9 +59,9 @@ struct Budget {
 /// Memory of the thesis's node: a Jennic JN5121's ROM, and its RAM.
 const THESIS: (u64, u64) = (64 << 10, 96 << 10);
 
-const BOARDS: [Board; 2] = [
-    Board {
-        package: "nrf52840",
+const AUDITED: [Audited; 2] = [
+    Audited {
+        board: &board_facts::NRF52840_DK,
         name: "nRF52840",
         // The aims for flash and stack are not met. Enforced are the measured values, rounded up, so that they get
         // no worse: lower them when the image shrinks. 5.3 KB are the Pixy2's, which any node may have, 2.4 KB are
@@ -80,8 +75,8 @@ const BOARDS: [Board; 2] = [
             aim: [96 << 10, 120 << 10, 8 << 10],
         },
     },
-    Board {
-        package: "nucleo-l476rg",
+    Audited {
+        board: &board_facts::NUCLEO_L476RG,
         name: "NUCLEO-L476RG",
         // As above.
         budget: Budget {
@@ -93,34 +88,130 @@ const BOARDS: [Board; 2] = [
     },
 ];
 
-/// Builds the images of these boards, or of all, prints the memory that they take, and fails over a budget, a
-/// panic or, where all are built, a figure in the documentation that is another one. Images that are to log more
-/// than errors are only built: logging takes room and stack, and formats text.
-pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
-    for board in chosen {
-        let is_known = packages().any(|package| package == board);
-        ensure!(is_known, "no board is called `{board}`");
+/// A role that an image may have alone, and the most that such an image of the nRF52840 may take.
+struct Role {
+    /// Its name, and that of its feature.
+    name: &'static str,
+    flash: u64,
+    ram: u64,
+}
+
+/// The camera's is promised: most nodes are cameras. The others are the measured values, rounded up.
+const ROLES: [Role; 3] = [
+    Role {
+        name: "camera",
+        flash: 200 << 10,
+        ram: 32 << 10,
+    },
+    Role {
+        name: "coordinator",
+        flash: 136 << 10,
+        ram: 52 << 10,
+    },
+    Role {
+        name: "target",
+        flash: 204 << 10,
+        ram: 150 << 10,
+    },
+];
+
+/// Names of the roles.
+pub(crate) const ROLE_NAMES: [&str; 3] = [ROLES[0].name, ROLES[1].name, ROLES[2].name];
+
+/// Builds the images of these boards, or of all, with these roles, or with all: `cargo xtask firmware`.
+///
+/// # Errors
+/// There is no such board, or a check fails.
+pub(crate) fn run(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()> {
+    if chosen.is_empty() && roles.is_empty() {
+        check(sh, &BOARDS)?;
+        return check_roles(sh, &ROLES);
     }
-    let is_chosen =
-        |board: &Board| chosen.is_empty() || chosen.iter().any(|chosen| chosen == board.package);
-    if let Some(level) = env::var_os(LOG).filter(|level| !level.is_empty()) {
-        for board in BOARDS.iter().filter(|board| is_chosen(board)) {
-            let image = Image::read(&build(sh, board.package)?)?;
-            println!("{}: {} bytes of flash", name(&image.path), image.size.flash);
+    let boards = chosen.iter().map(|name| {
+        Board::named(name).with_context(|| {
+            let names = BOARDS.map(|board| board.name).join(", ");
+            format!("no board is called `{name}`: there are {names}")
+        })
+    });
+    let boards = boards.collect::<Result<Vec<_>>>()?;
+    if roles.is_empty() {
+        return check(sh, &boards);
+    }
+    let boards = if boards.is_empty() { &BOARDS } else { &*boards };
+    let roles: Vec<_> = roles.iter().map(String::as_str).collect();
+    for board in boards {
+        pack(board, &build(sh, board, &roles)?)?;
+    }
+    Ok(())
+}
+
+/// The stage of every day: the images that are looked into, and a camera's alone.
+pub(crate) fn audit(sh: &Shell) -> Result<()> {
+    check(sh, &AUDITED.map(|audited| audited.board))?;
+    check_roles(sh, &ROLES[..1])
+}
+
+/// The stage of the night: the images of all other boards, and of each role alone.
+pub(crate) fn others(sh: &Shell) -> Result<()> {
+    let is_audited = |board: &Board| AUDITED.iter().any(|known| known.board.name == board.name);
+    let others = BOARDS.into_iter().filter(|board| !is_audited(board));
+    check(sh, &others.collect::<Vec<_>>())?;
+    check_roles(sh, &ROLES)
+}
+
+/// Builds an image for each of these roles alone, and fails over its limits or, where these are all roles, a figure in
+/// the documentation that is another one.
+fn check_roles(sh: &Shell, roles: &[Role]) -> Result<()> {
+    let header = ["bytes, nRF52840 with one role", "flash", "static RAM"];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    for &Role { name, flash, ram } in roles {
+        let image = Image::read(&build(sh, &board_facts::NRF52840_DK, &[name])?)?;
+        let size = image.size;
+        println!(
+            "a {name} alone: {} bytes of flash, {} of RAM",
+            size.flash, size.ram
+        );
+        ensure!(
+            size.flash <= flash && size.ram <= ram,
+            "a {name} alone may take {flash} bytes of flash and {ram} of RAM"
+        );
+        rows.push(vec![name.to_owned(), number(size.flash), number(size.ram)]);
+    }
+    if roles.len() < ROLES.len() {
+        return Ok(());
+    }
+    let table = documented::Table {
+        name: "firmware: roles",
+        rows,
+    };
+    documented::agree(sh, "firmware", &[table])
+}
+
+/// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
+/// a budget, a panic, a byte outside of the board's region or, where all audited ones are among them, a figure in the
+/// documentation that is another one. Images that are to log more than errors are only built: logging takes room and
+/// stack, and formats text.
+fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
+    let log = env::var_os(LOG).filter(|level| !level.is_empty());
+    let mut measured = Vec::new();
+    for board in boards {
+        let image = pack(board, &build(sh, board, &[])?)?;
+        let audited = AUDITED
+            .iter()
+            .position(|audited| audited.board.name == board.name);
+        if let (Some(number), None) = (audited, &log) {
+            let stack = stack::worst(&image)?;
+            measured.push((number, &AUDITED[number], image, stack));
         }
+    }
+    if let Some(level) = log {
         println!(
             "These images log {}: what they take, and whether they can panic, is not checked.",
             level.display()
         );
-        return Ok(());
     }
-    let mut measured = Vec::new();
-    for (number, board) in BOARDS.iter().enumerate() {
-        if is_chosen(board) {
-            let image = Image::read(&build(sh, board.package)?)?;
-            let stack = stack::worst(&image)?;
-            measured.push((number, board, image, stack));
-        }
+    if measured.is_empty() {
+        return Ok(());
     }
     println!("{}", table(&measured));
     println!(
@@ -128,7 +219,7 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
         THESIS.0, THESIS.1
     );
     let mut failures = Vec::new();
-    for (number, board, image, stack) in &measured {
+    for (number, audited, image, stack) in &measured {
         println!("\n{}", largest(image));
         println!("\nFlash of {} by crate:", name(&image.path));
         for (part, bytes) in parts::by_crate(image)? {
@@ -139,33 +230,52 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
         for (function, bytes) in &stack.path {
             println!("{bytes:>6} {function}");
         }
-        failures.extend(over_budget(board, image, stack.bytes));
+        failures.extend(over_budget(audited, image, stack.bytes));
         let panics = panics::find(image)?;
         let count = Count::new(&panics);
-        println!("\nBranches to a panic that {} never takes:", board.package);
+        let board = audited.board.name;
+        println!("\nBranches to a panic that {board} never takes:");
         for line in count.lines() {
             println!("{line}");
         }
         let errors = count.errors(*number);
-        let errors = errors.iter();
-        failures.extend(errors.map(|error| format!("{}: {error}", board.package)));
+        failures.extend(errors.iter().map(|error| format!("{board}: {error}")));
     }
     println!("\nWhy they are not taken:");
     for reason in Count::reasons() {
         println!("       {reason}");
     }
     ensure!(failures.is_empty(), "\n  {}", failures.join("\n  "));
-    if chosen.is_empty() {
+    if measured.len() == AUDITED.len() {
         documented::agree(sh, "firmware", &[memory(&measured), crates(&measured)?])?;
     }
     Ok(())
 }
 
+/// Checks that an image is within its board's region, and writes the file beside it that the board's boot loader
+/// takes.
+fn pack(board: &'static Board, path: &Path) -> Result<Image> {
+    let elf = fs::read(path)?;
+    let image = flash_file::Image::of(board, &elf).with_context(|| name(path))?;
+    let mut files = name(path);
+    if let Some((ending, bytes)) = image.file(None, false) {
+        let file = path.with_extension(ending);
+        fs::write(&file, bytes)?;
+        files = format!("{files}, {}", name(&file));
+    }
+    let image = Image::read(path)?;
+    println!(
+        "{}: {files}: {} bytes of flash",
+        board.title, image.size.flash
+    );
+    Ok(image)
+}
+
 /// Measurements of a board: its number, itself, its image and its stack.
-type Measured = (usize, &'static Board, Image, Worst);
+type Measured = (usize, &'static Audited, Image, Worst);
 
 fn header(what: &str) -> Vec<String> {
-    let boards = BOARDS.iter().map(|board| board.name.to_owned());
+    let boards = AUDITED.iter().map(|audited| audited.name.to_owned());
     [what.to_owned()].into_iter().chain(boards).collect()
 }
 
@@ -178,9 +288,9 @@ fn memory(measured: &[Measured]) -> documented::Table {
     for (i, (what, thesis)) in what.into_iter().zip(thesis).enumerate() {
         let mut row = vec![what.to_owned()];
         let mut aims = Vec::new();
-        for (_, board, image, stack) in measured {
+        for (_, audited, image, stack) in measured {
             row.push(number([image.size.flash, image.size.ram, stack.bytes][i]));
-            aims.push(board.budget.aim[i]);
+            aims.push(audited.budget.aim[i]);
         }
         row.push(aims.first().map_or_else(String::new, |aim| number(*aim)));
         row.push(thesis);
@@ -213,33 +323,39 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
     })
 }
 
-/// The packages of the boards.
-pub(crate) fn packages() -> impl Iterator<Item = &'static str> {
-    BOARDS.iter().map(|board| board.package)
-}
-
-/// Builds one image, and returns its path.
-pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
+/// Builds an image with these roles, or with all, and returns its path.
+pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
+    let package = board.name;
+    let mut name = package.to_owned();
+    let mut chosen = Vec::new();
+    if !roles.is_empty() {
+        chosen.push("--no-default-features".to_owned());
+    }
+    for role in roles {
+        name = format!("{name}-{role}");
+        chosen.push(match board.chip.family {
+            Family::Nrf52 => format!("--features=nrf52/{role}"),
+            Family::Stm32l4 => format!("--features={role}"),
+        });
+    }
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
-    let own = sh.current_dir().join("boards").join(package);
-    let has_memory = own.join("memory.x").is_file();
-    let folder = if has_memory { own } else { sh.current_dir() };
-    // Only here: other programs of this target have their own layout of the memory. The same for all
-    // boards: with another linker cargo would build all crates again.
-    let linker = format!("target.{TARGET}.linker='{}'", linker(sh).display());
+    // Only here: other programs of this target have their own layout of the memory.
+    let linker = format!("target.{TARGET}.linker='{}'", setup::LINKER);
     let mut flags = short_paths()?;
     flags.push(format!("'{INLINING}'"));
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
     let cargo = cmd!(
         sh,
-        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET} --message-format json-render-diagnostics"
+        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} {chosen...} --target {TARGET} --message-format json-render-diagnostics"
     )
-    .env(LINK_IN, folder)
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
     eprintln!("$ {cargo}");
     let built = built::program(&cargo.quiet().read()?, package)?;
-    let image = image(sh, package);
+    let image = sh
+        .current_dir()
+        .join(DIRECTORY)
+        .join(format!("{name}-node.elf"));
     sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
     Ok(image)
@@ -264,38 +380,6 @@ fn short_paths() -> Result<Vec<String>> {
     Ok(flags)
 }
 
-/// Name under which this program is that linker.
-pub(crate) const LINKER: &str = "link-image";
-
-fn linker(sh: &Shell) -> PathBuf {
-    crate::tool(sh, LINKER)
-}
-
-/// Makes this program the linker, before anything can replace it by a newer one: tests of the workspace
-/// build it again.
-pub(crate) fn prepare_linker(sh: &Shell) -> Result<()> {
-    crate::copy_of_this(&linker(sh))
-}
-
-/// Links, in this folder, the objects that cargo passed to this program.
-pub(crate) fn link(folder: &OsStr) -> Result<ExitCode> {
-    let status = Command::new(setup::LINKER)
-        .args(env::args_os().skip(1))
-        .current_dir(folder)
-        .status()?;
-    Ok(if status.success() {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
-}
-
-/// Path of the image of a board.
-pub(crate) fn image(sh: &Shell, package: &str) -> PathBuf {
-    let directory = sh.current_dir().join(DIRECTORY);
-    directory.join(format!("{package}-node.elf"))
-}
-
 /// The most bytes of stack that an image can take.
 pub(crate) fn stack_bound(image: &Path) -> Result<u64> {
     Ok(stack::worst(&Image::read(image)?)?.bytes)
@@ -310,14 +394,14 @@ fn table(measured: &[Measured]) -> Table {
         let name = name(&image.path);
         table.add_row([name].into_iter().chain(row.map(|bytes| bytes.to_string())));
     }
-    for (_, board, ..) in measured {
-        let budget = &board.budget;
+    for (_, audited, ..) in measured {
+        let budget = &audited.budget;
         let rows = [
             ("at most", [budget.flash, budget.ram, budget.stack]),
             ("aim", budget.aim),
         ];
         for (what, row) in rows {
-            let name = format!("{}: {what}", board.package);
+            let name = format!("{}: {what}", audited.board.name);
             table.add_row([name].into_iter().chain(row.map(|bytes| bytes.to_string())));
         }
     }
@@ -338,8 +422,8 @@ fn largest(image: &Image) -> Table {
     table
 }
 
-fn over_budget(board: &Board, image: &Image, stack: u64) -> Vec<String> {
-    let budget = &board.budget;
+fn over_budget(audited: &Audited, image: &Image, stack: u64) -> Vec<String> {
+    let budget = &audited.budget;
     [
         ("flash", image.size.flash, budget.flash),
         ("static RAM", image.size.ram, budget.ram),
@@ -350,7 +434,7 @@ fn over_budget(board: &Board, image: &Image, stack: u64) -> Vec<String> {
     .map(|(what, bytes, most)| {
         format!(
             "{} takes {bytes} bytes of {what}, its budget is {most}",
-            board.package
+            audited.board.name
         )
     })
     .collect()

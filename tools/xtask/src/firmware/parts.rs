@@ -46,6 +46,7 @@ const GROUPS: [(&str, &[&str]); 12] = [
     (
         "board: own code, the chip's crates, logs, memory functions",
         &[
+            "nrf52",
             "nrf52840",
             "nucleo-l476rg",
             "support",

@@ -35,7 +35,7 @@ use std::{
     task::{Poll, Waker},
 };
 
-use board_support::flash::NRF52840;
+use board_facts::NRF52840_DK;
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
 use embedded_io_async::{Read, Write};
@@ -80,7 +80,7 @@ const PHY_HEADER: Time = 6;
 const AIR_PER_BYTE: Time = 32_000;
 
 /// Pins of the first port that the board connects to lamps, which shine while they are low: joined, target
-/// seen, calibrated, may walk (`boards/nrf52840/src/board.rs`).
+/// seen, calibrated, may walk (`boards/nrf52840/src/main.rs`).
 const LAMPS: [u32; 4] = [13, 14, 15, 16];
 
 /// Pins of its buttons: the one that lets devices join, and the one that has a camera learn a colour.
@@ -452,7 +452,7 @@ fn carried(
 
 /// The image's memory, in the contents of a flash.
 fn memory_in(contents: &[Contents]) -> Option<&[u8]> {
-    let (start, length) = NRF52840.memory();
+    let (start, length) = NRF52840_DK.memory();
     contents.iter().find_map(|(address, bytes)| {
         let from = usize::try_from(u64::from(start).checked_sub(*address)?).ok()?;
         bytes.get(from..from + length as usize)
@@ -588,7 +588,7 @@ impl Board {
             seed,
             drift_ppb: self.drift_ppb,
             has_sensor: self.carrier.borrow().is_some(),
-            programmed: vec![(NRF52840.config_address().into(), written)],
+            programmed: vec![(NRF52840_DK.config().into(), written)],
         };
         self.queue.push(self.number(), order);
         self.antenna.set(Some(antenna));
@@ -656,7 +656,7 @@ impl Board {
 
     /// Flips bits of the part of its flash that it writes.
     pub(in crate::network) fn rot(&self, bits: u32, random: &mut impl Rng) {
-        let (start, length) = NRF52840.memory();
+        let (start, length) = NRF52840_DK.memory();
         let mut flip = || {
             let at = start + random.random_range(0..length);
             (u64::from(at), random.random_range(0..8))
@@ -765,4 +765,4 @@ impl Board {
 
 // The parts of both flashes are in the same order.
 const _: () =
-    assert!(NRF52840.layout.link.start - NRF52840.layout.facts.start == memory::LINK.start);
+    assert!(NRF52840_DK.regions.link.start - NRF52840_DK.regions.facts.start == memory::LINK.start);

@@ -96,7 +96,7 @@ fn gdb_looks_at_a_node() {
         ],
         address,
     );
-    for words in ["boards/nrf52840/src/board.rs:", "at 3000000000 ns"] {
+    for words in ["boards/nrf52/src/board.rs:", "at 3000000000 ns"] {
         assert!(printed.contains(words), "{printed}");
     }
     are_equal(&[running.join().unwrap()], &[alone(node(None), 5 * S)]);

@@ -9,7 +9,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 /// The driver finds its place in the ring by counting all bytes that arrive, also those for which
 /// there was no room: after an overrun it would return old bytes for new ones for ever. The ring is
 /// long enough that this does not happen at the rates of a camera.
-pub(crate) struct Lossless(pub(crate) BufferedUarte<'static>);
+pub struct Lossless(pub(crate) BufferedUarte<'static>);
 
 impl ErrorType for Lossless {
     type Error = Error;

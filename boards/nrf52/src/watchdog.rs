@@ -12,10 +12,10 @@ use embassy_nrf::{
 use embassy_time::Timer;
 
 /// Tasks that must run.
-pub(crate) const NODE: u32 = 0;
+pub const NODE: u32 = 0;
 pub(crate) const RADIO: u32 = 1;
 /// Their reports.
-pub(crate) static HEARTBEATS: Heartbeats = Heartbeats::new(2);
+pub static HEARTBEATS: Heartbeats = Heartbeats::new(2);
 
 /// Watched tasks report every second; none of their work takes as long as this.
 const TIMEOUT_S: u32 = 8;

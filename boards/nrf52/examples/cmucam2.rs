@@ -9,7 +9,7 @@
 fn main() {
     eprintln!(
         "this runs on an nRF52840: \
-         `cargo build --release --target thumbv7em-none-eabihf --package nrf52840 --example cmucam2`"
+         `cargo build --release --target thumbv7em-none-eabihf --package nrf52 --features nrf52840 --example cmucam2`"
     );
 }
 

@@ -2,9 +2,9 @@
 
 use core::pin::pin;
 
+use board_facts::Board as Facts;
 use board_support::{
     clock::EmbassyClock,
-    flash::NRF52840,
     memory::Paged,
     pins::{Lamps, PushButtons},
     start,
@@ -22,20 +22,19 @@ use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
     liveness::Liveness,
-    run::run,
     steps::InertialSteps,
 };
 use static_cell::StaticCell;
 use zigbee_link::radio::Csma;
 
 use crate::{
-    board::Board,
+    board::{Board, Parts, Pins},
     identity::random,
     line::Lossless,
     memory::Flash,
     radio::{self, OnChip, Shared},
     sensor_bus::SensorBus,
-    watchdog::{self, HEARTBEATS, NODE, RADIO, reset_cause},
+    watchdog::{self, HEARTBEATS, RADIO, reset_cause},
 };
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
@@ -48,27 +47,33 @@ impl Hardware for Board {
     type Clock = EmbassyClock;
     type Flash = Flash;
     type Steps = &'static mut Steps;
-    type Indicator = Lamps<Output<'static>, false>;
+    type Indicator = Lamps<Output<'static>>;
     type Buttons = PushButtons<Input<'static>>;
     type Observer = ();
 }
 
-#[cortex_m_rt::entry]
-fn main() -> ! {
+/// Runs tasks, beginning with this.
+pub fn execute(begin: impl FnOnce(Spawner)) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    watchdog::start();
-    let executor = EXECUTOR.init(Executor::new());
-    executor.run(|spawner| spawn(spawner, begin(spawner)))
+    EXECUTOR.init(Executor::new()).run(begin)
 }
 
-#[embassy_executor::task]
-async fn begin(spawner: Spawner) {
+/// A node that is ready to run: its configuration, its hardware, the receiver of its reports.
+pub(crate) type Ready = (
+    &'static CheckedConfig,
+    &'static mut Option<Peripherals<Board>>,
+    &'static Liveness,
+);
+
+/// Starts all tasks of this board but that of its node, which the board's own crate has: so the compiler optimises it
+/// as a whole, which saves 5 KB.
+pub async fn begin(spawner: Spawner, facts: &'static Facts, pins: Pins, parts: Parts) -> Ready {
     static SHARED: StaticCell<Shared> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
-    let board = Board::new();
+    let board = Board::new(pins, parts);
     let mut flash = Nvmc::new(board.flash);
-    let begun = start::begin(reset_cause(), (&mut flash, &NRF52840), board.sensor);
+    let begun = start::begin(reset_cause(), (&mut flash, facts), board.sensor);
     let (config, steps, liveness) = match begun {
         Ok(begun) => begun,
         Err(error) => {
@@ -83,7 +88,7 @@ async fn begin(spawner: Spawner) {
         radio: Csma::new(OnChip::new(shared), Delay, seed),
         clock: EmbassyClock,
         flash: Paged(flash),
-        layout: NRF52840.layout,
+        layout: start::layout(facts),
         steps: STEPS.init(steps),
         indicator: board.lamps,
         buttons: board.buttons,
@@ -91,26 +96,12 @@ async fn begin(spawner: Spawner) {
         seed,
     }));
     spawn(spawner, run_radio(board.radio, shared));
-    spawn(spawner, run_node(config, peripherals, liveness));
     spawn(spawner, watchdog::feed(board.watchdog, liveness));
+    (config, peripherals, liveness)
 }
 
 #[embassy_executor::task]
 async fn run_radio(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
     let driver = pin!(radio::drive(radio, shared));
     HEARTBEATS.watch(RADIO, driver).await;
-}
-
-#[embassy_executor::task]
-async fn run_node(
-    config: &'static CheckedConfig,
-    peripherals: &'static mut Option<Peripherals<Board>>,
-    liveness: &'static Liveness,
-) {
-    // Not passed by value: the whole future of the node would be copied on the stack with them.
-    let Some(peripherals) = peripherals.take() else {
-        return;
-    };
-    let node = pin!(run(config, peripherals, liveness));
-    start::tell_failure(&HEARTBEATS.watch(NODE, node).await);
 }

@@ -7,7 +7,7 @@ use board_support::i2c::release;
 use embassy_futures::select::{Either, select};
 use embassy_nrf::{
     Peri, bind_interrupts,
-    gpio::{Flex, OutputDrive, Pull},
+    gpio::{AnyPin, Flex, OutputDrive, Pull},
     pac, peripherals,
     twim::{self, Error, Frequency, Twim},
 };
@@ -24,10 +24,10 @@ const LIMIT: Duration = Duration::from_millis(20);
 const STOP_LIMIT: Duration = Duration::from_millis(1);
 
 /// The bus, with its pins.
-pub(crate) struct SensorBus {
+pub struct SensorBus {
     pub(crate) peripheral: Peri<'static, peripherals::TWISPI0>,
-    pub(crate) data: Peri<'static, peripherals::P0_26>,
-    pub(crate) clock: Peri<'static, peripherals::P0_27>,
+    pub(crate) data: Peri<'static, AnyPin>,
+    pub(crate) clock: Peri<'static, AnyPin>,
     /// The last transaction came to its end. False at first: the chip may have started in the middle
     /// of one.
     pub(crate) idle: bool,

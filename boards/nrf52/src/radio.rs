@@ -90,7 +90,7 @@ struct Heard {
 
 /// Reason why the radio does not work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Error {
+pub enum Error {
     /// There is no configuration: the first one is missing, or the last one was dropped.
     NotConfigured,
     /// The frame is too short or too long.
@@ -98,7 +98,7 @@ pub(crate) enum Error {
 }
 
 /// The radio, without its task.
-pub(crate) struct OnChip {
+pub struct OnChip {
     shared: &'static Shared,
     config: Option<RadioConfig>,
     number: u32,

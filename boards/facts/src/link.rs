@@ -1,0 +1,41 @@
+//! Build scripts of images.
+
+use std::{env, format, fs, io, path::PathBuf, println, string::String};
+
+use crate::{Board, Script};
+
+/// Has the linker put the images of the package that is built into their region on the board of this name, with
+/// `cortex-m-rt` and `defmt`. A build for a computer has nothing to link.
+///
+/// # Errors
+/// There is no such board, or the folder of the build cannot be written.
+pub fn link(name: &str) -> io::Result<()> {
+    println!("cargo:rerun-if-changed=build.rs");
+    if variable("CARGO_CFG_TARGET_OS") != "none" {
+        return Ok(());
+    }
+    let board = Board::named(name).ok_or_else(|| {
+        let why = format!("no board of boards/facts/src/lib.rs is called {name}");
+        io::Error::new(io::ErrorKind::NotFound, why)
+    })?;
+    memory(&format!("{}", Script(board)))?;
+    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+        println!("cargo:rustc-link-arg={argument}");
+    }
+    Ok(())
+}
+
+/// Has the linker find this as `memory.x`.
+///
+/// # Errors
+/// The folder of the build cannot be written.
+pub fn memory(script: &str) -> io::Result<()> {
+    let out = PathBuf::from(variable("OUT_DIR"));
+    fs::write(out.join("memory.x"), script)?;
+    println!("cargo:rustc-link-search={}", out.display());
+    Ok(())
+}
+
+fn variable(name: &str) -> String {
+    env::var(name).unwrap_or_default()
+}

@@ -1,0 +1,199 @@
+//! Pins of a board, and the peripherals that they belong to.
+
+use board_support::pins::{Lamps, PushButtons};
+use embassy_nrf::{
+    Peri, Peripherals, bind_interrupts,
+    buffered_uarte::{self, Baudrate, BufferedUarte},
+    config::{HfclkSource, LfclkSource},
+    gpio::{AnyPin, Input, Level, Output, OutputDrive, Pin, Port, Pull},
+    pac::{self, gpio::vals},
+    peripherals, radio, uarte,
+};
+use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
+use static_cell::StaticCell;
+
+use crate::{sensor_bus::SensorBus, watchdog};
+
+bind_interrupts!(struct Irqs {
+    RADIO => radio::InterruptHandler<peripherals::RADIO>;
+    UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
+});
+
+/// Half of it is free at least. An erasure of a page stops the processor for up to 85 ms (Product
+/// Specification, "NVMC"), in which 979 bytes come at 115,200 baud if the line is never idle.
+const UART_RECEIVE: usize = 2048;
+/// Longer than any command to a camera; bytes to a PC wait.
+const UART_SEND: usize = 64;
+
+/// Pins of a board.
+pub struct Pins {
+    /// Of a CMUcam2 or another camera.
+    pub camera: Wires,
+    /// Of a coordinator's PC; without them it has those of the camera.
+    pub console: Option<Wires>,
+    /// The level at which lamps shine.
+    pub lit: Level,
+    /// Joined, target seen, calibrated, may walk.
+    pub lamps: [Peri<'static, AnyPin>; 4],
+    /// Join window and learn colour, which connect their pin to ground.
+    pub buttons: [Peri<'static, AnyPin>; 2],
+    /// Data and clock of a target's sensor.
+    pub sensor: [Peri<'static, AnyPin>; 2],
+}
+
+/// Pins of a UART.
+pub struct Wires {
+    /// Receives.
+    pub receive: Peri<'static, AnyPin>,
+    /// Sends.
+    pub send: Peri<'static, AnyPin>,
+}
+
+/// Peripherals that a node uses on every board.
+pub struct Parts {
+    /// UART to the camera or the PC, with what counts and moves its bytes.
+    pub uart: Peri<'static, peripherals::UARTE0>,
+    /// See [`uart`](Self::uart).
+    pub timer: Peri<'static, peripherals::TIMER1>,
+    /// See [`uart`](Self::uart).
+    pub channels: (
+        Peri<'static, peripherals::PPI_CH0>,
+        Peri<'static, peripherals::PPI_CH1>,
+    ),
+    /// See [`uart`](Self::uart).
+    pub group: Peri<'static, peripherals::PPI_GROUP0>,
+    /// Bus of the step sensor.
+    pub sensor: Peri<'static, peripherals::TWISPI0>,
+    /// The radio.
+    pub radio: Peri<'static, peripherals::RADIO>,
+    /// The flash.
+    pub flash: Peri<'static, peripherals::NVMC>,
+    /// The generator of random numbers.
+    pub random: Peri<'static, peripherals::RNG>,
+    /// The watchdog.
+    pub watchdog: Peri<'static, peripherals::WDT>,
+}
+
+/// A board, with what a node uses of it.
+pub struct Board {
+    pub(crate) line: Line,
+    pub(crate) lamps: Lamps<Output<'static>>,
+    pub(crate) buttons: PushButtons<Input<'static>>,
+    pub(crate) sensor: SensorBus,
+    pub(crate) radio: radio::ieee802154::Radio<'static>,
+    pub(crate) flash: Peri<'static, peripherals::NVMC>,
+    pub(crate) random: Peri<'static, peripherals::RNG>,
+    pub(crate) watchdog: Peri<'static, peripherals::WDT>,
+}
+
+/// The peripherals of the UART to the camera or the PC, whose rate is not known before the configuration is.
+pub(crate) struct Line {
+    uart: Peri<'static, peripherals::UARTE0>,
+    timer: Peri<'static, peripherals::TIMER1>,
+    channels: (
+        Peri<'static, peripherals::PPI_CH0>,
+        Peri<'static, peripherals::PPI_CH1>,
+    ),
+    group: Peri<'static, peripherals::PPI_GROUP0>,
+    camera: Wires,
+    console: Option<Wires>,
+}
+
+/// Starts the chip: its watchdog first, then its clocks. Once.
+pub fn start() -> Peripherals {
+    watchdog::start();
+    let mut config = embassy_nrf::config::Config::default();
+    // The radio needs the crystal's accuracy, and time should pass as it does elsewhere.
+    config.hfclk_source = HfclkSource::ExternalXtal;
+    config.lfclk_source = LfclkSource::ExternalXtal;
+    // Half the current of the receiver, which is always on. A board without the inductor between
+    // DCC and DEC4 must leave this out.
+    config.dcdc.reg1 = true;
+    embassy_nrf::init(config)
+}
+
+impl Board {
+    pub(crate) fn new(pins: Pins, parts: Parts) -> Self {
+        let lit = bool::from(pins.lit);
+        let lamp = |pin| Output::new(pin, Level::from(!lit), OutputDrive::Standard);
+        let [joined, target_seen, calibrated, may_walk] = pins.lamps.map(lamp);
+        let [join_window, learn_colour] = pins.buttons.map(|pin| Input::new(pin, Pull::Up));
+        let [data, clock] = pins.sensor;
+        Self {
+            line: Line {
+                uart: parts.uart,
+                timer: parts.timer,
+                channels: parts.channels,
+                group: parts.group,
+                camera: pins.camera,
+                console: pins.console,
+            },
+            lamps: Lamps {
+                lit,
+                joined,
+                target_seen,
+                calibrated,
+                may_walk,
+            },
+            buttons: PushButtons {
+                join_window,
+                learn_colour,
+            },
+            sensor: SensorBus {
+                peripheral: parts.sensor,
+                data,
+                clock,
+                idle: false,
+            },
+            radio: radio::ieee802154::Radio::new(parts.radio, Irqs),
+            flash: parts.flash,
+            random: parts.random,
+            watchdog: parts.watchdog,
+        }
+    }
+}
+
+impl Line {
+    /// The UART to the camera, or the PC of a coordinator.
+    pub(crate) fn open(self, node: &CheckedConfig) -> BufferedUarte<'static> {
+        static RECEIVE: StaticCell<[u8; UART_RECEIVE]> = StaticCell::new();
+        static SEND: StaticCell<[u8; UART_SEND]> = StaticCell::new();
+        let mut config = uarte::Config::default();
+        config.baudrate = match node.baud() {
+            BaudRate::B1200 => Baudrate::Baud1200,
+            BaudRate::B2400 => Baudrate::Baud2400,
+            BaudRate::B4800 => Baudrate::Baud4800,
+            BaudRate::B9600 => Baudrate::Baud9600,
+            BaudRate::B19200 => Baudrate::Baud19200,
+            BaudRate::B38400 => Baudrate::Baud38400,
+            BaudRate::B57600 => Baudrate::Baud57600,
+            BaudRate::B115200 => Baudrate::Baud115200,
+        };
+        let wires = match node.role {
+            RoleConfig::Coordinator(_) => self.console.unwrap_or(self.camera),
+            RoleConfig::Camera(_) | RoleConfig::Target(_) => self.camera,
+        };
+        let port = match wires.receive.port() {
+            Port::Port0 => pac::P0,
+            Port::Port1 => pac::P1,
+        };
+        // The compiler sees that there are no more.
+        let configuration = port.pin_cnf(usize::from(wires.receive.pin() % 32));
+        let line = BufferedUarte::new(
+            self.uart,
+            self.timer,
+            self.channels.0,
+            self.channels.1,
+            self.group,
+            wires.receive,
+            wires.send,
+            Irqs,
+            config,
+            RECEIVE.init([0; UART_RECEIVE]),
+            SEND.init([0; UART_SEND]),
+        );
+        // Without a camera or a PC the line would float, and its noise would be bytes.
+        configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
+        line
+    }
+}

@@ -1,0 +1,196 @@
+//! Boards without a debug probe: their boot loader takes a file.
+
+use std::{
+    fs::{self, File},
+    io::{self, Write},
+    path::{Path, PathBuf},
+    thread,
+    time::Duration,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use board_facts::{Board, Loader};
+use flash_file::uf2;
+use node_firmware::config::page::PAGE_MAX;
+
+use super::super::tell;
+
+/// File in which a boot loader tells the board that it is for.
+const ABOUT: &str = "INFO_UF2.TXT";
+/// File in which it shows its flash.
+const SHOWN: &str = "CURRENT.UF2";
+/// File that is written.
+const NODE: &str = "NODE.UF2";
+
+/// Folders in which operating systems show volumes, besides those that `/proc/self/mounts` names.
+const VOLUMES: [&str; 1] = ["/Volumes"];
+
+const LOOK: Duration = Duration::from_millis(200);
+/// Looks for a volume: two minutes, in which a person finds the button.
+const PATIENCE: u32 = 600;
+/// Looks until the board has written all and has started: half a minute.
+const WRITING: u32 = 150;
+
+/// The volume of a boot loader.
+pub(super) struct Volume<'a> {
+    board: &'static Board,
+    folder: PathBuf,
+    family: u32,
+    ids: &'a [&'a str],
+}
+
+impl Volume<'_> {
+    /// The volume in this folder, or wherever it appears after a person has started the boot loader.
+    ///
+    /// # Errors
+    /// It does not appear, it is another board's, or the image would not start on it.
+    pub(super) fn wait_for(board: &'static Board, named: Option<&Path>) -> Result<Self> {
+        let Some(Loader::Uf2 {
+            family,
+            ids,
+            soft_device,
+            press,
+        }) = board.loader
+        else {
+            bail!("{} has no boot loader that shows a volume", board.title);
+        };
+        let find = || match named {
+            Some(folder) => Some(folder.to_owned()).filter(|folder| is_volume(folder)),
+            None => volumes().into_iter().find(|folder| {
+                let about = fs::read_to_string(folder.join(ABOUT)).unwrap_or_default();
+                is_of(&about, ids)
+            }),
+        };
+        if find().is_none() {
+            tell(format!(
+                "{press}. A volume appears: where it is not mounted by itself, mount it, and name \
+                 its folder with --volume"
+            ));
+        }
+        let found = (0..PATIENCE).find_map(|_| find().or_else(|| wait(LOOK)));
+        let folder = found.with_context(|| {
+            format!(
+                "no volume of a {} appeared, and nothing was written: {press}",
+                board.title
+            )
+        })?;
+        let about = fs::read_to_string(folder.join(ABOUT))
+            .with_context(|| format!("{} cannot be read", folder.join(ABOUT).display()))?;
+        ensure!(
+            is_of(&about, ids),
+            "the volume in {} is not that of a {}, and nothing was written; it says:\n{}",
+            folder.display(),
+            board.title,
+            about.trim_end()
+        );
+        // Older boot loaders do not tell.
+        if let Some(found) = field(&about, "SoftDevice:") {
+            ensure!(
+                found == soft_device,
+                "this {} has the SoftDevice `{found}`, and an image starts only behind `{soft_device}`: \
+                 nothing was written. Bring it up to date with the boot loader's own file",
+                board.title
+            );
+        }
+        Ok(Self {
+            board,
+            folder,
+            family,
+            ids,
+        })
+    }
+
+    /// The configuration page that the board has.
+    pub(super) fn page(&self) -> Result<Vec<u8>> {
+        let path = self.folder.join(SHOWN);
+        let shown = fs::read(&path).with_context(|| {
+            format!(
+                "{} cannot be read, so that it is not known which node this board is, and nothing was \
+                 written: make it forget with --erase-memory",
+                path.display()
+            )
+        })?;
+        let page = uf2::read(&shown, self.board.config(), PAGE_MAX);
+        page.with_context(|| {
+            format!(
+                "{} does not hold the board's page, and nothing was written: make it forget with \
+                 --erase-memory",
+                path.display()
+            )
+        })
+    }
+
+    /// Copies a file to the volume, and waits until the board has started with it.
+    pub(super) fn write(&self, file: &[u8]) -> Result<()> {
+        debug_assert!(uf2::family(file) == Some(self.family));
+        let path = self.folder.join(NODE);
+        // A board that has all of it may be gone before the file is closed.
+        let copied = copy(&path, file);
+        let is_gone = (0..WRITING).any(|_| !self.is_there() || wait::<()>(LOOK).is_some());
+        if is_gone {
+            return Ok(());
+        }
+        copied.with_context(|| format!("{} was not written", path.display()))?;
+        bail!(
+            "the board has not started: its volume is still in {}. Unmount it, then type the same \
+             command again",
+            self.folder.display()
+        )
+    }
+
+    fn is_there(&self) -> bool {
+        let about = fs::read_to_string(self.folder.join(ABOUT)).unwrap_or_default();
+        is_of(&about, self.ids)
+    }
+}
+
+fn copy(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}
+
+/// Waits, and has nothing.
+fn wait<T>(time: Duration) -> Option<T> {
+    thread::sleep(time);
+    None
+}
+
+fn is_volume(folder: &Path) -> bool {
+    folder.join(ABOUT).is_file()
+}
+
+/// Text behind the name of a field.
+fn field<'a>(about: &'a str, name: &str) -> Option<&'a str> {
+    let line = about.lines().find_map(|line| line.strip_prefix(name));
+    line.map(str::trim)
+}
+
+fn is_of(about: &str, ids: &[&str]) -> bool {
+    field(about, "Board-ID:").is_some_and(|id| ids.iter().any(|start| id.starts_with(start)))
+}
+
+/// Volumes that are mounted.
+fn volumes() -> Vec<PathBuf> {
+    let mounts = fs::read_to_string("/proc/self/mounts").unwrap_or_default();
+    // Spaces in names are written as \040 (proc(5), fstab(5)).
+    let mounted = mounts.lines().filter_map(|line| line.split(' ').nth(1));
+    let mut folders: Vec<PathBuf> = mounted
+        .map(|folder| folder.replace("\\040", " ").into())
+        .collect();
+    for parent in VOLUMES {
+        let entries = fs::read_dir(parent).into_iter().flatten().flatten();
+        folders.extend(entries.map(|entry| entry.path()));
+    }
+    folders.retain(|folder| is_volume(folder));
+    folders
+}
+
+/// Instructions to a person who has a package for a boot loader that takes it over a serial line.
+pub(super) fn by_hand(press: &str, file: &Path) -> String {
+    format!(
+        "{press}; then type `nrfutil nrf5sdk-tools dfu usb-serial -pkg {} -p PORT`, with the serial \
+         port that appeared",
+        file.display()
+    )
+}

@@ -1,0 +1,140 @@
+//! Files with which boards are flashed. An [`Image`] is an image for a board, of which every byte is within the
+//! board's own region; boot loaders take it as a file, together with the configuration page.
+//!
+//! | module | |
+//! |---|---|
+//! | [`uf2`] | a file that is copied to the volume of a boot loader |
+//! | `dfu` | a package for Nordic's boot loader |
+#![forbid(unsafe_code)]
+
+mod dfu;
+pub mod uf2;
+
+use std::{collections::BTreeMap, ops::Range};
+
+use board_facts::{Board, Loader};
+use object::{
+    Object, elf,
+    read::elf::{ElfFile32, ProgramHeader},
+};
+
+/// An image for a board, checked to be for it.
+#[derive(Clone, Debug)]
+pub struct Image {
+    board: &'static Board,
+    /// Bytes by their addresses.
+    parts: BTreeMap<u32, Vec<u8>>,
+}
+
+/// Reason why a file is no image for a board.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageError {
+    /// No ELF file of 32 bits.
+    #[error("it is no image for a board")]
+    NoElf,
+    /// Of another processor.
+    #[error("it is no image for an ARM processor")]
+    NotArm,
+    /// No part of it is to be written.
+    #[error("it has nothing to write to a flash")]
+    Empty,
+    /// A part of it is before the region.
+    #[error(
+        "it begins at {0:#x}, before the board's image at {1:#x}: is it an image for this board?"
+    )]
+    Before(u64, u32),
+    /// A part of it is behind the region.
+    #[error(
+        "it reaches up to {0:#x}, behind the part for images, which ends at {1:#x}: is it an image \
+         for this board?"
+    )]
+    Behind(u64, u32),
+    /// A part of it is where the configuration is to be.
+    #[error(
+        "it is at {0:#x}, where the configuration page is to be: is it an image for this board?"
+    )]
+    OnPage(u32),
+}
+
+impl Image {
+    /// The image that an ELF file holds.
+    ///
+    /// # Errors
+    /// It is none for this board.
+    pub fn of(board: &'static Board, elf: &[u8]) -> Result<Self, ImageError> {
+        let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|_| ImageError::NoElf)?;
+        if file.architecture() != object::Architecture::Arm {
+            return Err(ImageError::NotArm);
+        }
+        let endian = file.endian();
+        let region = &board.regions.image;
+        let [least, most] = [region.start, region.end].map(|place| board.address(place));
+        let mut parts = BTreeMap::new();
+        for header in file.elf_program_headers() {
+            if header.p_type(endian) != elf::PT_LOAD || header.p_filesz(endian) == 0 {
+                continue;
+            }
+            let start = header.p_paddr(endian);
+            let end = u64::from(start) + u64::from(header.p_filesz(endian));
+            if start < least {
+                return Err(ImageError::Before(start.into(), least));
+            }
+            if end > most.into() {
+                return Err(ImageError::Behind(end, most));
+            }
+            let page = page(board);
+            if start < page.end && end > page.start.into() {
+                return Err(ImageError::OnPage(page.start));
+            }
+            let data = header.data(endian, elf).map_err(|()| ImageError::NoElf)?;
+            parts.insert(start, data.to_vec());
+        }
+        if parts.is_empty() {
+            return Err(ImageError::Empty);
+        }
+        Ok(Self { board, parts })
+    }
+
+    /// The file that the boot loader of the board takes, and the ending of its name: the image, and a configuration
+    /// page in the same file; and an erased memory, if the node is to forget. `None` if the board has no boot loader,
+    /// or it takes one piece only, which does not reach to the memory.
+    ///
+    /// A package for a dongle has room for the page within the image: without one, the node has no configuration.
+    pub fn file(&self, page: Option<&[u8]>, forgets: bool) -> Option<(&'static str, Vec<u8>)> {
+        let mut parts = self.parts.clone();
+        parts.extend(page.map(|page| (self.board.config(), page.to_vec())));
+        if forgets {
+            let (memory, bytes) = self.board.memory();
+            parts.insert(memory, vec![0xff; bytes as usize]);
+        }
+        match self.board.loader? {
+            Loader::Uf2 { family, .. } => Some(("uf2", uf2::file(family, &parts))),
+            Loader::Dfu { .. } if forgets => None,
+            Loader::Dfu { hardware, .. } => {
+                Some(("zip", dfu::package(hardware, &in_one_piece(&parts))))
+            }
+        }
+    }
+}
+
+/// Addresses of the configuration page.
+fn page(board: &Board) -> Range<u32> {
+    let page = &board.regions.config;
+    board.address(page.start)..board.address(page.end)
+}
+
+/// The parts with erased flash between them.
+fn in_one_piece(parts: &BTreeMap<u32, Vec<u8>>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut start = None;
+    for (&at, part) in parts {
+        let start = *start.get_or_insert(at);
+        bytes.resize((at - start) as usize, 0xff);
+        bytes.extend(part);
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests;
