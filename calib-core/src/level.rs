@@ -167,6 +167,7 @@ impl<T: Real> Mounting<T> {
     }
 
     /// A direction in the camera's axes, forward, left and up, turned upright.
+    #[inline(never)] // for less flash
     pub fn upright(&self, forward: T, left: T, up: T) -> Upright<T> {
         let (sp, cp) = self.pitch.sine_cosine();
         let (sr, cr) = self.roll.sine_cosine();
@@ -179,6 +180,7 @@ impl<T: Real> Mounting<T> {
     }
 
     /// The same of what is seen at a bearing and an elevation, radians.
+    #[inline(never)] // for less flash
     pub fn seen(&self, bearing: T, elevation: T) -> Upright<T> {
         let (left, forward) = bearing.sine_cosine();
         let (up, level) = elevation.sine_cosine();
@@ -252,6 +254,24 @@ pub fn judge<T: Real>(
     mounting: Mounting<T>,
     tolerance: &Tolerance<T>,
 ) -> Option<Levelness<T>> {
+    judged(
+        pose,
+        &|with| rows.clone().for_each(with),
+        mounting,
+        tolerance,
+    )
+}
+
+/// Rows of any origin, so that a node has the code for them once.
+type Rows<'a, T> = &'a dyn Fn(&mut dyn FnMut(Row<T>));
+
+#[inline(never)] // for less flash
+fn judged<T: Real>(
+    pose: &Pose<T>,
+    rows: Rows<'_, T>,
+    mounting: Mounting<T>,
+    tolerance: &Tolerance<T>,
+) -> Option<Levelness<T>> {
     let is_level = mounting.is_level();
     let free = if is_level {
         tolerance.tilt
@@ -295,6 +315,21 @@ pub fn improved<T: Real>(
     mounting: Mounting<T>,
     tolerance: &Tolerance<T>,
 ) -> Option<Mounting<T>> {
+    better(
+        pose,
+        &|with| rows.clone().for_each(with),
+        mounting,
+        tolerance,
+    )
+}
+
+#[inline(never)] // for less flash
+fn better<T: Real>(
+    pose: &Pose<T>,
+    rows: Rows<'_, T>,
+    mounting: Mounting<T>,
+    tolerance: &Tolerance<T>,
+) -> Option<Mounting<T>> {
     let as_level = settled(pose, rows, mounting, tolerance, tolerance.tilt)?;
     let share = if mounting.is_level() {
         AS_LEVEL
@@ -335,9 +370,10 @@ struct Fitted<T: Real> {
 }
 
 /// The fit at the height that it finds.
+#[inline(never)] // for less flash
 fn settled<T: Real>(
     pose: &Pose<T>,
-    rows: &(impl Iterator<Item = Row<T>> + Clone),
+    rows: Rows<'_, T>,
     mounting: Mounting<T>,
     tolerance: &Tolerance<T>,
     pitch_sigma: T,
@@ -345,15 +381,15 @@ fn settled<T: Real>(
     if !(tolerance.tilt > T::zero()) {
         return None;
     }
-    let moves = moves(pose, rows.clone(), mounting)?;
+    let moves = moves(pose, rows, mounting)?;
     let mut height = T::zero();
     for _ in 1..ROUNDS {
         let all = (tolerance, pitch_sigma, height);
-        height = fitted(pose, rows.clone(), mounting, moves, all)?.height;
+        height = fitted(pose, rows, mounting, moves, all)?.height;
     }
     fitted(
         pose,
-        rows.clone(),
+        rows,
         mounting,
         moves,
         (tolerance, pitch_sigma, height),
@@ -371,6 +407,7 @@ struct Seen<T: Real> {
 }
 
 /// `None` of what is not before the camera.
+#[inline(never)] // for less flash
 fn seen<T: Real>(pose: &Pose<T>, row: Row<T>, mounting: Mounting<T>) -> Option<Seen<T>> {
     let ahead = plane::unit(pose.heading);
     let own = plane::mul_conj(row.target - pose.position, ahead);
@@ -390,13 +427,16 @@ fn seen<T: Real>(pose: &Pose<T>, row: Row<T>, mounting: Mounting<T>) -> Option<S
 #[inline(never)] // for less stack
 fn moves<T: Real>(
     pose: &Pose<T>,
-    rows: impl Iterator<Item = Row<T>>,
+    rows: Rows<'_, T>,
     mounting: Mounting<T>,
 ) -> Option<[Vector3<T>; 2]> {
     let mut normal = Matrix3::<T>::zeros();
     let mut right = [Vector3::<T>::zeros(); 2];
     let mut count = 0;
-    for seen in rows.filter_map(|row| seen(pose, row, mounting)) {
+    rows(&mut |row| {
+        let Some(seen) = seen(pose, row, mounting) else {
+            return;
+        };
         let to = seen.row.target - pose.position;
         let range2 = plane::dot(to, to);
         let across = plane::quarter_turn(to) / range2;
@@ -408,7 +448,7 @@ fn moves<T: Real>(
             *right += by_pose * (seen.upright.turn(&change) * weight);
         }
         count += 1;
-    }
+    });
     if count < FEWEST {
         return Some([Vector3::zeros(); 2]);
     }
@@ -434,7 +474,7 @@ fn moves<T: Real>(
 #[inline(never)] // for less stack
 fn fitted<T: Real>(
     pose: &Pose<T>,
-    rows: impl Iterator<Item = Row<T>>,
+    rows: Rows<'_, T>,
     mounting: Mounting<T>,
     moves: [Vector3<T>; 2],
     (tolerance, pitch_sigma, height): (&Tolerance<T>, T, T),
@@ -445,7 +485,10 @@ fn fitted<T: Real>(
         SVector::<T, UNKNOWNS>::zeros(),
     );
     let (mut count, mut sum, mut farthest) = (0, T::zero(), T::zero());
-    for seen in rows.filter_map(|row| seen(pose, row, mounting)) {
+    rows(&mut |row| {
+        let Some(seen) = seen(pose, row, mounting) else {
+            return;
+        };
         let Seen {
             u,
             by_pose,
@@ -478,7 +521,7 @@ fn fitted<T: Real>(
         sum += b * b * weight;
         farthest = farthest.max(u.recip());
         count += 1;
-    }
+    });
     // What is believed beforehand: any height, and pitch and roll in all.
     let zero = T::zero();
     let sigmas = [farthest * lit(ANY_HEIGHT), pitch_sigma, tolerance.tilt];

@@ -40,7 +40,10 @@ fn main() -> io::Result<()> {
         board.flash_end,
         board.ram_end - ram,
     );
-    fs::write(out.join("memory.x"), script)?;
+    // The one at the top of the repository includes the second.
+    for name in ["memory.x", "board-memory.x"] {
+        fs::write(out.join(name), &script)?;
+    }
     println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");

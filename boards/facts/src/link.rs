@@ -25,13 +25,15 @@ pub fn link(name: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// Has the linker find this as `memory.x`.
+/// Has the linker find this as `memory.x`, or by way of the `memory.x` at the top of the repository.
 ///
 /// # Errors
 /// The folder of the build cannot be written.
 pub fn memory(script: &str) -> io::Result<()> {
     let out = PathBuf::from(variable("OUT_DIR"));
-    fs::write(out.join("memory.x"), script)?;
+    for name in ["memory.x", "board-memory.x"] {
+        fs::write(out.join(name), script)?;
+    }
     println!("cargo:rustc-link-search={}", out.display());
     Ok(())
 }
