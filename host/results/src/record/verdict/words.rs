@@ -534,12 +534,13 @@ pub(crate) const COLUMNS: usize = 100;
 
 impl Verdict {
     /// The verdict at a glance, in at most five rows of 100 columns: the counts, the gravest problems, and the next
-    /// thing to do. [`Display`](fmt::Display) tells all of it.
+    /// thing to do. A sentence that is too long ends after one of its clauses. [`Display`](fmt::Display) tells all
+    /// of it.
     pub fn brief(&self) -> String {
-        let mut rows = folded(&self.counts(), ROWS);
+        let mut rows = clauses(&self.counts(), ROWS);
         let problems = self.problems(true);
         let advice = self.advice();
-        let first = advice.first().map(|advice| folded(advice, SENTENCE_ROWS));
+        let first = advice.first().map(|advice| clauses(advice, SENTENCE_ROWS));
         let first = first.unwrap_or_default();
         let mut left = advice.len().saturating_sub(1);
         let mut room = ROWS.saturating_sub(rows.len() + first.len());
@@ -547,23 +548,17 @@ impl Verdict {
             let is_last = number + 1 == problems.len() && left == 0;
             // A row is kept that tells how much is left out.
             let free = room.saturating_sub(usize::from(!is_last));
-            if free == 0 {
+            let own = clauses(problem, SENTENCE_ROWS.min(free));
+            if own.is_empty() {
                 left += problems.len() - number;
                 break;
             }
-            let own = folded(problem, SENTENCE_ROWS.min(free));
             room -= own.len();
             rows.extend(own);
         }
         rows.extend(first);
-        match left {
-            0 => {}
-            _ if rows.len() < ROWS => rows.push(format!("and {left} more")),
-            _ => {
-                if let Some(last) = rows.last_mut() {
-                    last.push_str(" ...");
-                }
-            }
+        if left > 0 {
+            rows.push(format!("and {left} more: --details tells all"));
         }
         rows.join("\n") + "\n"
     }
@@ -672,32 +667,40 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A sentence in so many rows at most: further ones begin where it does. The end of one that is longer is left out.
-fn folded(sentence: &str, most: usize) -> Vec<String> {
+/// A sentence in rows of a report: further ones begin where it does.
+fn folded(sentence: &str) -> Vec<String> {
     let words = sentence.trim_start();
     let indent = &sentence[..sentence.len() - words.len()];
-    let mut rows: Vec<String> = vec![indent.to_owned()];
+    let mut rows: Vec<String> = Vec::new();
     for word in words.split_whitespace() {
-        let is_full = rows.len() >= most;
-        let Some(row) = rows.last_mut() else { break };
-        let is_first = row.len() == indent.len();
-        if is_first {
-            row.push_str(word);
-        } else if row.chars().count() + 1 + word.chars().count() <= COLUMNS - ELLIPSIS.len() {
-            row.push(' ');
-            row.push_str(word);
-        } else if !is_full {
-            rows.push(format!("{indent}{word}"));
-        } else {
-            row.push_str(ELLIPSIS);
-            break;
+        match rows.last_mut() {
+            Some(row) if row.chars().count() + 1 + word.chars().count() <= COLUMNS => {
+                row.push(' ');
+                row.push_str(word);
+            }
+            _ => rows.push(format!("{indent}{word}")),
         }
     }
     rows
 }
 
-/// Marks a sentence whose end is left out.
-const ELLIPSIS: &str = " ...";
+/// A sentence in so many rows at most: the whole of it, or as many of its first clauses as there is room for.
+/// Empty where not even the first one fits.
+fn clauses(sentence: &str, most: usize) -> Vec<String> {
+    let ends = sentence.match_indices([':', ';', '.', ',']);
+    let ends = ends.filter_map(|(at, mark)| {
+        let next = sentence[at + mark.len()..].strip_prefix(' ')?;
+        // Neither in a list of numbers nor in a place.
+        let is_end = mark != "," || next.starts_with(char::is_alphabetic);
+        let end = if mark == "." { at + mark.len() } else { at };
+        is_end.then_some(end)
+    });
+    let mut shortened: Vec<usize> = ends.collect();
+    shortened.push(sentence.len());
+    let rows = { shortened.into_iter().rev() }.map(|end| folded(&sentence[..end]));
+    let mut rows = rows.filter(|rows| rows.len() <= most);
+    rows.next().unwrap_or_default()
+}
 
 /// More cameras than these are counted, and the first ones named.
 const MOST_NAMED: usize = 8;
