@@ -158,7 +158,7 @@ impl Finding {
                 agreeing: None,
             } => {
                 f.write_str("not calibrated: doubtful, its sightings contradict each other")?;
-                if let Some(ratio) = ratio {
+                if let Some(ratio) = ratio.filter(|ratio| *ratio > 1.0) {
                     write!(f, ", residuals {ratio:.1} times too large")?;
                 }
                 let advice = match cause {
@@ -329,6 +329,34 @@ impl Verdict {
 
     fn never_joined(&self) -> &'static str {
         NEVER_JOINED[usize::from(!self.is_rehearsal)]
+    }
+
+    /// The weak poses together, with the largest sigmas.
+    fn weak(&self) -> Option<String> {
+        let sigmas = |finding: &Finding| match finding.trouble {
+            Trouble::Weak {
+                sigma_position,
+                sigma_heading_deg,
+            } => Some((finding.camera, [sigma_position, sigma_heading_deg])),
+            _ => None,
+        };
+        let (ids, sigmas): (Vec<u16>, Vec<_>) = self.findings.iter().filter_map(sigmas).unzip();
+        let [sigma_position, sigma_heading_deg] =
+            { sigmas.into_iter() }.reduce(|[a, b], [c, d]| [a.max(c), b.max(d)])?;
+        let weakest = Trouble::Weak {
+            sigma_position,
+            sigma_heading_deg,
+        };
+        let finding = Finding {
+            camera: ids[0],
+            trouble: weakest,
+        };
+        let most = if ids.len() > 1 { " at most" } else { "" };
+        Some(format!(
+            "{}: {}{most}",
+            cameras(&ids),
+            self.words_on(&finding)
+        ))
     }
 
     /// The unchecked poses, together where one measurement is behind several, or all together at a glance.
@@ -611,8 +639,13 @@ impl Verdict {
         );
         // The same problem of several cameras is told once.
         let mut told: Vec<(String, Vec<u16>)> = Vec::new();
-        let is_told = |finding: &&Finding| !matches!(finding.trouble, Trouble::Unchecked { .. });
-        for finding in self.findings.iter().filter(is_told) {
+        let is_alone = |finding: &&Finding| {
+            !matches!(
+                finding.trouble,
+                Trouble::Unchecked { .. } | Trouble::Weak { .. }
+            )
+        };
+        for finding in self.findings.iter().filter(is_alone) {
             let words = self.words_on(finding);
             match told.iter_mut().find(|(other, _)| *other == words) {
                 Some((_, of)) => of.push(finding.camera),
@@ -620,6 +653,7 @@ impl Verdict {
             }
         }
         problems.extend({ told.iter() }.map(|(words, of)| format!("{}: {words}", cameras(of))));
+        problems.extend(self.weak());
         problems.extend(self.unchecked(at_a_glance));
         let never_joined = self.never_joined();
         let absent = self.absent.iter();
