@@ -259,9 +259,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     );
     bar.finish_and_clear();
     if arguments.until_calibrated {
+        let made = simulation.further_stops();
+        let stops = if made == 1 { "stop" } else { "stops" };
         tell(format_args!(
-            "{} further stops, as the verdict asked{}",
-            simulation.further_stops(),
+            "{made} further {stops}, as the verdict asked{}",
             match simulation.further_end() {
                 Some(FurtherEnd::Spent) => ": no more are allowed (--further-stops)",
                 Some(FurtherEnd::InVain) => ": the last ones improved nothing",

@@ -137,3 +137,12 @@ pub(crate) fn wait_until(mut holds: impl FnMut() -> bool) {
         thread::sleep(Duration::from_millis(5));
     }
 }
+
+/// Output as the documentation shows it.
+pub(crate) fn as_shown(output: &str) -> String {
+    let lines = output.lines().map(|line| match line {
+        "" => "\n".to_owned(),
+        _ => format!("    {line}\n"),
+    });
+    lines.collect()
+}

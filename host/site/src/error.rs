@@ -14,6 +14,21 @@ fn on(line: Option<usize>) -> String {
     line.map_or(String::new(), |line| format!("line {line}: "))
 }
 
+/// Words of the parser about text without quotes, which mean nothing to most people.
+const UNQUOTED: [&str; 2] = ["invalid boolean", "string values must be quoted"];
+
+/// An error of the parser, with what to do about text without quotes.
+fn in_plain_words(error: &toml::de::Error) -> String {
+    let (whole, message) = (error.to_string(), error.message());
+    match UNQUOTED.iter().any(|words| message.starts_with(words)) {
+        true => whole.replace(
+            message,
+            "only a number, `true` and `false` stand without quotes: put text into quotes",
+        ),
+        false => whole,
+    }
+}
+
 fn list(open: &[Assumption]) -> String {
     let lines: Vec<_> = open.iter().map(|one| format!("  {one}")).collect();
     lines.join("\n")
@@ -46,7 +61,7 @@ pub enum ScenarioError {
         source: std::io::Error,
     },
     /// It is not TOML, or something that it needs is not there.
-    #[error(transparent)]
+    #[error("{}", in_plain_words(.0))]
     Toml(#[from] toml::de::Error),
     /// It has a key that there is not.
     #[error(

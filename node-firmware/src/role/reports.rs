@@ -6,7 +6,7 @@ use super::Unsaved;
 use crate::{
     facts::{Fact, FactKey},
     limits::MEMBERS,
-    message::{MemberAddress, PoseParts, Report},
+    message::{MemberAddress, PoseParts, ProtectionLevel, Report},
 };
 
 /// A member: its report, and further knowledge about it.
@@ -159,12 +159,16 @@ pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
             [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
         (a - b) * (a - b)
     });
-    // Or one that is checked by half as much, or no longer.
-    let level = |report: &Report| report.joint.map_or(f32::MAX, |level| level.position);
-    let [old_level, new_level] = [old, new].map(level);
+    // A tenth of what one wrong measurement could do, too: the advice where to stop next foretells no more.
+    let levels = |report: &Report| report.joint.unwrap_or(ProtectionLevel::NONE);
+    let [old_levels, new_levels] = [old, new].map(levels);
+    let is_other = |level: fn(&ProtectionLevel) -> f32| {
+        let [old, new] = [level(&old_levels), level(&new_levels)];
+        new < 0.9 * old || old < 0.9 * new
+    };
     old.done != new.done
-        || old_level > 2.0 * new_level
-        || new_level > 2.0 * old_level
+        || is_other(|level| level.position)
+        || is_other(|level| level.heading)
         || old.status() != new.status()
         || old.duty != new.duty
         || old.mount.is_some() != new.mount.is_some()

@@ -107,8 +107,8 @@ function makeControls(kind) {
       element('output', '', {id: 'window'})));
   controls.append(element('output', '', {id: 'sent'}));
   const own = byId('node-controls');
-  const [move, by] = number('by', 0.3);
-  const [turn, degrees] = number('turn', 10);
+  const [move, by] = number('by, in units of the site', 0.3);
+  const [turn, degrees] = number('turn by, deg', 10);
   own.append(...ORDERS.map(([name, title]) =>
     button(name, () => send({do: 'camera', node: chosen, command: name}), title)));
   own.append(button('remove', () => {

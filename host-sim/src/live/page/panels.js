@@ -9,6 +9,8 @@ function element(name, text, attributes = {}) {
 
 const byId = id => document.getElementById(id);
 const digits = (value, count) => value === null || value === undefined ? '-' : value.toFixed(count);
+// A heading in [0, 360), also when it is rounded.
+const headingWords = (degrees, count) => digits(Number(digits(degrees, count)) % 360, count);
 
 function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
@@ -23,7 +25,7 @@ function poseWords(record, node) {
   const pose = poseOf(record, node);
   if (!pose) return 'no pose yet';
   return `x ${digits(pose.x, 3)} \u00b1 ${digits(pose.sigma_x, 3)}, y ${digits(pose.y, 3)} \u00b1 ` +
-    `${digits(pose.sigma_y, 3)}, heading ${digits(pose.heading_deg, 2)} \u00b1 ${digits(pose.sigma_heading_deg, 2)}\u00b0`;
+    `${digits(pose.sigma_y, 3)}, heading ${headingWords(pose.heading_deg, 2)} \u00b1 ${digits(pose.sigma_heading_deg, 2)}\u00b0`;
 }
 
 function showBanner(state) {
@@ -43,6 +45,9 @@ function showBanner(state) {
   // What needs attention comes first.
   const rank = line => (/^(\d+ )?cameras? /.test(line) ? 0 : line.startsWith('Next') ? 1 : 2);
   const others = lines.filter(line => line !== next).sort((a, b) => rank(a) - rank(b));
+  // So does what to do about it.
+  const todo = others.findIndex(line => rank(line) === 1);
+  if (todo >= FINDINGS) others.splice(FINDINGS - 1, 0, ...others.splice(todo, 1));
   showFindings(others);
 }
 
@@ -76,7 +81,7 @@ function cellsOf(record, node, advice) {
     [node.status ?? 'unknown', pose !== null && isGood],
     [pose ? `${digits(pose.x, 2)}, ${digits(pose.y, 2)}` : '-', pose !== null],
     [pose ? `\u00b1${digits(Math.hypot(pose.sigma_x, pose.sigma_y), 3)}` : '-', pose !== null],
-    [pose ? `${digits(pose.heading_deg, 1)}\u00b0` : '-', pose !== null],
+    [pose ? `${headingWords(pose.heading_deg, 1)}\u00b0` : '-', pose !== null],
     [isGood && !advice ? 'yes' : isGood ? 'unchecked' : 'no', isGood && !advice],
   ];
 }

@@ -5,14 +5,16 @@ use std::fs;
 use node_firmware::config::{Config, RoleConfig, page};
 
 use super::place::Place;
+use crate::common::as_shown;
 
 const KEY: &str = "--site-key=site.sitekey";
 const PROVISION: [&str; 3] = ["provision", "--site=room.toml", "--out=pages"];
 
+const PAGE: &str = include_str!("../../../../docs/deploy.md");
+
 /// The first file of a page of the documentation.
 fn documented() -> String {
-    let page = include_str!("../../../../docs/deploy.md");
-    let (_, file) = page.split_once("```toml\n").unwrap();
+    let (_, file) = PAGE.split_once("```toml\n").unwrap();
     file.split_once("```").unwrap().0.to_owned()
 }
 
@@ -28,6 +30,7 @@ fn the_file_that_is_rehearsed_makes_the_pages() {
     place.write("room.toml", &file);
     let told = place.run(&["run", "room.toml"]).ok();
     assert!(told.contains("3 of 3 cameras are calibrated"), "{told}");
+    assert!(PAGE.contains(&as_shown(&told)), "{told}");
     let told = place.run(&PROVISION).ok();
     let lines: Vec<_> = told.lines().collect();
     assert_eq!(lines.len(), 5, "{told}");

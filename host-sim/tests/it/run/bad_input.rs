@@ -162,6 +162,9 @@ fn files_that_are_no_scenarios() {
             b"name = \"x\"\nstops = 3.5",
             "line 2: `stops` is 3.5: it must be a whole number, 3 to 16",
         ),
+        (b"name = room", "put text into quotes"),
+        (b"name = true-room", "put text into quotes"),
+        (b"name = \"x\"\nmeasures = yes", "put text into quotes"),
     ] {
         let file = files.path("bad.toml");
         fs::write(&file, content).unwrap();

@@ -5,7 +5,7 @@ use results::{
     network,
     record::{
         RunRecord,
-        verdict::{Common, Trouble, Verdict, Weakness},
+        verdict::{Common, Gained, Trouble, Verdict, Weakness},
     },
 };
 use site::{Overrides, Scenario};
@@ -55,9 +55,9 @@ const TWO_PLACES: &str = r#"
     ]
 "#;
 
-/// Runs with so many further stops at most; returns how many were made.
-fn walked(further_stops: usize) -> (RunRecord, usize) {
-    let scenario = Scenario::from_toml(TWO_PLACES, &Overrides::default()).unwrap();
+/// Runs a site with so many further stops at most; returns how many were made.
+fn walked(site: &str, further_stops: usize) -> (RunRecord, usize) {
+    let scenario = Scenario::from_toml(site, &Overrides::default()).unwrap();
     let options = Options {
         further_stops,
         ..Options::default()
@@ -80,7 +80,7 @@ fn solved_again(record: &RunRecord) -> f64 {
 
 #[test]
 fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
-    let (record, made) = walked(0);
+    let (record, made) = walked(TWO_PLACES, 0);
     let verdict = Verdict::of(&record);
     assert_eq!(
         (made, verdict.calibrated, verdict.exit_code()),
@@ -116,7 +116,7 @@ fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
     assert!(stop.again.is_some_and(|again| again <= 4));
     assert!(solved_again(&record) > 10.0);
 
-    let (record, made) = walked(24);
+    let (record, made) = walked(TWO_PLACES, 24);
     let verdict = Verdict::of(&record);
     assert!(verdict.is_checked() && verdict.is_complete(), "{verdict}");
     assert!((1..=8).contains(&made), "{made}");
@@ -192,8 +192,32 @@ fn a_target_that_left_a_network_is_not_led_on_in_vain() {
 
 #[test]
 fn no_more_stops_are_made_than_are_allowed() {
-    let (record, made) = walked(1);
+    let (record, made) = walked(TWO_PLACES, 1);
     assert_eq!((made, record.targets[0].stops.len()), (1, 11));
+}
+
+/// The room of the page about deployment: nodes tell what the stop that is asked for was to improve.
+#[test]
+fn a_stop_improves_what_was_foretold() {
+    let page = include_str!("../../../../docs/deploy.md");
+    let (_, room) = page.split_once("```toml\nname = \"room\"").unwrap();
+    let (room, _) = room.split_once("```").unwrap();
+    let room = format!("name = \"room\"{room}");
+    let (before, _) = walked(&room, 0);
+    let verdict = Verdict::of(&before);
+    let [asked] = verdict.next_stops.as_slice() else {
+        panic!("{verdict}");
+    };
+    let gain = asked.helps.expect("a foretold gain");
+    assert!(
+        gain.of == Gained::Protection && gain.to < 0.7 * gain.from,
+        "{verdict}"
+    );
+    let (after, made) = walked(&room, 1);
+    let camera = after.cameras().find(|camera| camera.id == gain.camera);
+    let level = camera.unwrap().protection.unwrap().position;
+    assert_eq!(made, 1);
+    assert!((level / gain.to - 1.0).abs() < 0.1, "{level}, {verdict}");
 }
 
 /// A run that needs no further stops is the same as before.

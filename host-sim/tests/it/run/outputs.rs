@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::sample::Sample;
-use crate::common::{Files, run};
+use crate::common::{Files, as_shown, run};
 
 /// The record of a run, with one camera that is not calibrated if wanted.
 fn recorded(files: &Files, name: &str, blind: &'static [u16]) -> String {
@@ -42,6 +42,15 @@ fn without_a_terminal_progress_is_plain_lines() {
         let last = words.last().unwrap();
         assert!(last.starts_with("calibrated, "), "{id}: {words:?}");
     }
+}
+
+#[test]
+fn the_page_about_results_shows_the_verdict_as_it_is_printed() {
+    let page = include_str!("../../../../docs/run-results.md");
+    let told = run(&["run", "thesis-13"]).stdout;
+    let (_, verdict) = told.split_once('\n').unwrap();
+    let (verdict, _) = verdict.split_once("\n\n").unwrap();
+    assert!(page.contains(&as_shown(verdict)), "{verdict}");
 }
 
 /// A run may have taken ten minutes.

@@ -68,6 +68,24 @@ fn the_answer_fits_a_screen() {
         let brief = verdict.brief();
         assert!((2..=5).contains(&brief.lines().count()), "{brief}");
         assert!(text.contains(&brief), "{text}");
+        // No sentence breaks off, and no row of one is shorter than need be.
+        assert!(!brief.lines().any(|line| line.ends_with("...")), "{brief}");
+        let told: String = verdict.to_string().split_whitespace().collect();
+        for line in brief.lines().filter(|line| !line.starts_with("and ")) {
+            let line: String = line.split_whitespace().collect();
+            assert!(
+                told.contains(&line) || line.contains("notchecked"),
+                "{line}"
+            );
+        }
+        assert!(
+            brief
+                .lines()
+                .last()
+                .unwrap()
+                .ends_with("more: --details tells all"),
+            "{brief}"
+        );
         assert!(
             brief.starts_with("9 of 13 cameras are calibrated"),
             "{brief}"

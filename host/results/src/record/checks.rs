@@ -163,12 +163,15 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         true => Unchecked::default(),
         false => of(record, network, &left),
     };
-    // In view of a camera that it is for, or else with a gain that is worth the way.
+    // In view of a camera that it is for, or else with a gain that is worth the way. No other gain is told.
     let helps = |stop: &NextStop| {
         { left.iter() }.any(|camera| stop.seen_by.contains(&camera.id))
             || stop.helps.is_none_or(|gain| gain.is_enough())
     };
-    kept.extend(more.stops.into_iter().filter(helps));
+    kept.extend(more.stops.into_iter().filter(helps).map(|stop| NextStop {
+        helps: stop.helps.filter(Gain::is_enough),
+        ..stop
+    }));
     Weak {
         stops: kept,
         instead: more.instead,

@@ -141,7 +141,7 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
             camera.status.unwrap_or(Status::Waiting).to_string(),
             number(pose.map(|pose| pose.x), 2),
             number(pose.map(|pose| pose.y), 2),
-            number(pose.map(|pose| pose.heading_deg), 1),
+            pose.map_or_else(String::new, |pose| heading(pose.heading_deg, 1)),
             number(pose.map(Estimate::sigma_position), 3),
             number(pose.map(|pose| pose.sigma_heading_deg), 2),
             match camera.protection {
@@ -261,9 +261,18 @@ fn pose_row(camera: &Node, limits: &Limits) -> Vec<String> {
     row
 }
 
-/// A place with so many digits, a heading with so many.
-fn triple([x, y]: [f64; 2], heading: f64, [place, turn]: [usize; 2]) -> String {
-    format!("({x:.place$}, {y:.place$}, {heading:.turn$})")
+/// A place with so many digits, an angle with so many.
+fn triple([x, y]: [f64; 2], angle: f64, [place, turn]: [usize; 2]) -> String {
+    format!("({x:.place$}, {y:.place$}, {angle:.turn$})")
+}
+
+/// A heading in [0, 360), also where rounding makes it a full turn.
+fn heading(degrees: f64, digits: usize) -> String {
+    let rounded = format!("{degrees:.digits$}");
+    match rounded.parse() {
+        Ok(360.0) => format!("{:.digits$}", 0.0),
+        _ => rounded,
+    }
 }
 
 fn error(e: &PoseError) -> String {

@@ -392,19 +392,19 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
             ..waiting
         }
     ));
-    let checked_to = |position| Report {
-        joint: Some(ProtectionLevel {
-            position,
-            heading: 0.1,
-        }),
+    let checked_to = |position, heading| Report {
+        joint: Some(ProtectionLevel { position, heading }),
         ..old
     };
-    for (level, news) in [(0.9, false), (2.2, false), (0.49, true), (0.21, true)] {
-        let [one, other] = [1.1, level].map(checked_to);
-        assert_eq!(is_news(&one, &other), news, "{level}");
-        assert_eq!(is_news(&other, &one), news, "{level}");
+    for (level, news) in [(0.91, false), (1.09, false), (0.89, true), (1.12, true)] {
+        for other in [checked_to(level, 0.1), checked_to(1.0, 0.1 * level)] {
+            let one = checked_to(1.0, 0.1);
+            assert_eq!(is_news(&one, &other), news, "{level}");
+            assert_eq!(is_news(&other, &one), news, "{level}");
+        }
     }
-    assert!(is_news(&old, &checked_to(1.0)) && is_news(&checked_to(1.0), &old));
+    let checked = checked_to(1.0, 0.1);
+    assert!(is_news(&old, &checked) && is_news(&checked, &old));
     let no_news = [
         old,
         Report {

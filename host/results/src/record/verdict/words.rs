@@ -160,7 +160,7 @@ impl Finding {
                 agreeing: None,
             } => {
                 f.write_str("not calibrated: doubtful, its sightings contradict each other")?;
-                if let Some(ratio) = ratio {
+                if let Some(ratio) = ratio.filter(|ratio| *ratio > 1.0) {
                     write!(f, ", residuals {ratio:.1} times too large")?;
                 }
                 let advice = match cause {
@@ -342,6 +342,34 @@ impl Verdict {
 
     fn never_joined(&self) -> &'static str {
         NEVER_JOINED[usize::from(!self.is_rehearsal)]
+    }
+
+    /// The weak poses together, with the largest sigmas.
+    fn weak(&self) -> Option<String> {
+        let sigmas = |finding: &Finding| match finding.trouble {
+            Trouble::Weak {
+                sigma_position,
+                sigma_heading_deg,
+            } => Some((finding.camera, [sigma_position, sigma_heading_deg])),
+            _ => None,
+        };
+        let (ids, sigmas): (Vec<u16>, Vec<_>) = self.findings.iter().filter_map(sigmas).unzip();
+        let [sigma_position, sigma_heading_deg] =
+            { sigmas.into_iter() }.reduce(|[a, b], [c, d]| [a.max(c), b.max(d)])?;
+        let weakest = Trouble::Weak {
+            sigma_position,
+            sigma_heading_deg,
+        };
+        let finding = Finding {
+            camera: ids[0],
+            trouble: weakest,
+        };
+        let most = if ids.len() > 1 { " at most" } else { "" };
+        Some(format!(
+            "{}: {}{most}",
+            cameras(&ids),
+            self.words_on(&finding)
+        ))
     }
 
     /// The unchecked poses, together where one measurement is behind several, or all together at a glance.
@@ -551,12 +579,13 @@ pub(crate) const COLUMNS: usize = 100;
 
 impl Verdict {
     /// The verdict at a glance, in at most five rows of 100 columns: the counts, the gravest problems, and the next
-    /// thing to do. [`Display`](fmt::Display) tells all of it.
+    /// thing to do. A sentence that is too long ends after one of its clauses. [`Display`](fmt::Display) tells all
+    /// of it.
     pub fn brief(&self) -> String {
-        let mut rows = folded(&self.counts(), ROWS);
+        let mut rows = clauses(&self.counts(), ROWS);
         let problems = self.problems(true);
         let advice = self.advice();
-        let first = advice.first().map(|advice| folded(advice, SENTENCE_ROWS));
+        let first = advice.first().map(|advice| clauses(advice, SENTENCE_ROWS));
         let first = first.unwrap_or_default();
         let mut left = advice.len().saturating_sub(1);
         let mut room = ROWS.saturating_sub(rows.len() + first.len());
@@ -564,23 +593,17 @@ impl Verdict {
             let is_last = number + 1 == problems.len() && left == 0;
             // A row is kept that tells how much is left out.
             let free = room.saturating_sub(usize::from(!is_last));
-            if free == 0 {
+            let own = clauses(problem, SENTENCE_ROWS.min(free));
+            if own.is_empty() {
                 left += problems.len() - number;
                 break;
             }
-            let own = folded(problem, SENTENCE_ROWS.min(free));
             room -= own.len();
             rows.extend(own);
         }
         rows.extend(first);
-        match left {
-            0 => {}
-            _ if rows.len() < ROWS => rows.push(format!("and {left} more")),
-            _ => {
-                if let Some(last) = rows.last_mut() {
-                    last.push_str(" ...");
-                }
-            }
+        if left > 0 {
+            rows.push(format!("and {left} more: --details tells all"));
         }
         rows.join("\n") + "\n"
     }
@@ -633,8 +656,13 @@ impl Verdict {
         );
         // The same problem of several cameras is told once.
         let mut told: Vec<(String, Vec<u16>)> = Vec::new();
-        let is_told = |finding: &&Finding| !matches!(finding.trouble, Trouble::Unchecked { .. });
-        for finding in self.findings.iter().filter(is_told) {
+        let is_alone = |finding: &&Finding| {
+            !matches!(
+                finding.trouble,
+                Trouble::Unchecked { .. } | Trouble::Weak { .. }
+            )
+        };
+        for finding in self.findings.iter().filter(is_alone) {
             let words = self.words_on(finding);
             match told.iter_mut().find(|(other, _)| *other == words) {
                 Some((_, of)) => of.push(finding.camera),
@@ -642,6 +670,7 @@ impl Verdict {
             }
         }
         problems.extend({ told.iter() }.map(|(words, of)| format!("{}: {words}", cameras(of))));
+        problems.extend(self.weak());
         problems.extend(self.unchecked(at_a_glance));
         let never_joined = self.never_joined();
         let absent = self.absent.iter();
@@ -689,32 +718,40 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A sentence in so many rows at most: further ones begin where it does. The end of one that is longer is left out.
-fn folded(sentence: &str, most: usize) -> Vec<String> {
+/// A sentence in rows of a report: further ones begin where it does.
+fn folded(sentence: &str) -> Vec<String> {
     let words = sentence.trim_start();
     let indent = &sentence[..sentence.len() - words.len()];
-    let mut rows: Vec<String> = vec![indent.to_owned()];
+    let mut rows: Vec<String> = Vec::new();
     for word in words.split_whitespace() {
-        let is_full = rows.len() >= most;
-        let Some(row) = rows.last_mut() else { break };
-        let is_first = row.len() == indent.len();
-        if is_first {
-            row.push_str(word);
-        } else if row.chars().count() + 1 + word.chars().count() <= COLUMNS - ELLIPSIS.len() {
-            row.push(' ');
-            row.push_str(word);
-        } else if !is_full {
-            rows.push(format!("{indent}{word}"));
-        } else {
-            row.push_str(ELLIPSIS);
-            break;
+        match rows.last_mut() {
+            Some(row) if row.chars().count() + 1 + word.chars().count() <= COLUMNS => {
+                row.push(' ');
+                row.push_str(word);
+            }
+            _ => rows.push(format!("{indent}{word}")),
         }
     }
     rows
 }
 
-/// Marks a sentence whose end is left out.
-const ELLIPSIS: &str = " ...";
+/// A sentence in so many rows at most: the whole of it, or as many of its first clauses as there is room for.
+/// Empty where not even the first one fits.
+fn clauses(sentence: &str, most: usize) -> Vec<String> {
+    let ends = sentence.match_indices([':', ';', '.', ',']);
+    let ends = ends.filter_map(|(at, mark)| {
+        let next = sentence[at + mark.len()..].strip_prefix(' ')?;
+        // Neither in a list of numbers nor in a place.
+        let is_end = mark != "," || next.starts_with(char::is_alphabetic);
+        let end = if mark == "." { at + mark.len() } else { at };
+        is_end.then_some(end)
+    });
+    let mut shortened: Vec<usize> = ends.collect();
+    shortened.push(sentence.len());
+    let rows = { shortened.into_iter().rev() }.map(|end| folded(&sentence[..end]));
+    let mut rows = rows.filter(|rows| rows.len() <= most);
+    rows.next().unwrap_or_default()
+}
 
 /// More cameras than these are counted, and the first ones named.
 const MOST_NAMED: usize = 8;
