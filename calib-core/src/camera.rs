@@ -179,7 +179,7 @@ impl<T: Real> Camera<T> {
     /// [angle](Self::angle) above its middle row; radians.
     pub fn elevation(&self, bearing: T, row: T) -> T {
         match self.projection {
-            Projection::PinHole => (tangent(row) * bearing.cos()).atan(),
+            Projection::PinHole => (tangent(row) * bearing.sine_cosine().1).atan(),
             Projection::EqualAngle => row,
         }
     }

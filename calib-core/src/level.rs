@@ -25,7 +25,7 @@
 //! fit, its pitch is whatever the rows say; its roll stays one of a bracket. The errors of both are in the covariance
 //! that [`Levelness::widening`] adds to that of the pose.
 
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, Point2, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point2, SMatrix, SVector, Vector3};
 
 use crate::{
     Pose, Real,
@@ -105,6 +105,19 @@ pub struct Row<T: Real> {
     pub elevation: T,
     /// Standard deviation of the elevation, radians, above zero.
     pub sigma: T,
+}
+
+impl<T: Real> Default for Row<T> {
+    /// Of a target right at the origin.
+    fn default() -> Self {
+        Self {
+            target: Point2::origin(),
+            target_variance: T::zero(),
+            bearing: T::zero(),
+            elevation: T::zero(),
+            sigma: T::one(),
+        }
+    }
 }
 
 /// Assumptions about how a camera is put up, and about the ball.
@@ -248,27 +261,10 @@ impl<T: Real> Levelness<T> {
 
 /// Judges a pose in the plane that was found with this mounting. `None` where nothing is to be tested: without a
 /// tolerance or rows, and where numbers are not finite.
+#[inline(never)] // for less flash
 pub fn judge<T: Real>(
     pose: &Pose<T>,
-    rows: &(impl Iterator<Item = Row<T>> + Clone),
-    mounting: Mounting<T>,
-    tolerance: &Tolerance<T>,
-) -> Option<Levelness<T>> {
-    judged(
-        pose,
-        &|with| rows.clone().for_each(with),
-        mounting,
-        tolerance,
-    )
-}
-
-/// Rows of any origin, so that a node has the code for them once.
-type Rows<'a, T> = &'a dyn Fn(&mut dyn FnMut(Row<T>));
-
-#[inline(never)] // for less flash
-fn judged<T: Real>(
-    pose: &Pose<T>,
-    rows: Rows<'_, T>,
+    rows: &[Row<T>],
     mounting: Mounting<T>,
     tolerance: &Tolerance<T>,
 ) -> Option<Levelness<T>> {
@@ -287,12 +283,16 @@ fn judged<T: Real>(
         let turn = tilt * lit(TURN * TURN);
         (Matrix3::from_diagonal(&[place, place, turn].into()), place)
     } else {
-        let moves = Matrix3x2::from_columns(&found.moves);
+        let ([by_pitch, by_roll], c) = (found.moves, found.covariance);
+        let both = by_pitch * by_roll.transpose() * c.m12;
         let (_, cosine) = mounting.pitch.sine_cosine();
         let shift = (cosine * cosine).recip();
         (
-            moves * found.covariance * moves.transpose(),
-            height2 * shift * shift * found.covariance.m11,
+            by_pitch * by_pitch.transpose() * c.m11
+                + by_roll * by_roll.transpose() * c.m22
+                + both
+                + both.transpose(),
+            height2 * shift * shift * c.m11,
         )
     };
     Some(Levelness {
@@ -309,24 +309,10 @@ fn judged<T: Real>(
 }
 
 /// A better mounting for the next solution in the plane; `None` if this one stays.
+#[inline(never)] // for less flash
 pub fn improved<T: Real>(
     pose: &Pose<T>,
-    rows: &(impl Iterator<Item = Row<T>> + Clone),
-    mounting: Mounting<T>,
-    tolerance: &Tolerance<T>,
-) -> Option<Mounting<T>> {
-    better(
-        pose,
-        &|with| rows.clone().for_each(with),
-        mounting,
-        tolerance,
-    )
-}
-
-#[inline(never)] // for less flash
-fn better<T: Real>(
-    pose: &Pose<T>,
-    rows: Rows<'_, T>,
+    rows: &[Row<T>],
     mounting: Mounting<T>,
     tolerance: &Tolerance<T>,
 ) -> Option<Mounting<T>> {
@@ -373,7 +359,7 @@ struct Fitted<T: Real> {
 #[inline(never)] // for less flash
 fn settled<T: Real>(
     pose: &Pose<T>,
-    rows: Rows<'_, T>,
+    rows: &[Row<T>],
     mounting: Mounting<T>,
     tolerance: &Tolerance<T>,
     pitch_sigma: T,
@@ -408,7 +394,7 @@ struct Seen<T: Real> {
 
 /// `None` of what is not before the camera.
 #[inline(never)] // for less flash
-fn seen<T: Real>(pose: &Pose<T>, row: Row<T>, mounting: Mounting<T>) -> Option<Seen<T>> {
+fn seen<T: Real>(pose: &Pose<T>, row: &Row<T>, mounting: Mounting<T>) -> Option<Seen<T>> {
     let ahead = plane::unit(pose.heading);
     let own = plane::mul_conj(row.target - pose.position, ahead);
     let upright = mounting.seen(row.bearing, row.elevation);
@@ -419,7 +405,7 @@ fn seen<T: Real>(pose: &Pose<T>, row: Row<T>, mounting: Mounting<T>) -> Option<S
         u,
         by_pose,
         upright,
-        row,
+        row: *row,
     })
 }
 
@@ -427,16 +413,13 @@ fn seen<T: Real>(pose: &Pose<T>, row: Row<T>, mounting: Mounting<T>) -> Option<S
 #[inline(never)] // for less stack
 fn moves<T: Real>(
     pose: &Pose<T>,
-    rows: Rows<'_, T>,
+    rows: &[Row<T>],
     mounting: Mounting<T>,
 ) -> Option<[Vector3<T>; 2]> {
     let mut normal = Matrix3::<T>::zeros();
     let mut right = [Vector3::<T>::zeros(); 2];
     let mut count = 0;
-    rows(&mut |row| {
-        let Some(seen) = seen(pose, row, mounting) else {
-            return;
-        };
+    for seen in rows.iter().filter_map(|row| seen(pose, row, mounting)) {
         let to = seen.row.target - pose.position;
         let range2 = plane::dot(to, to);
         let across = plane::quarter_turn(to) / range2;
@@ -448,17 +431,19 @@ fn moves<T: Real>(
             *right += by_pose * (seen.upright.turn(&change) * weight);
         }
         count += 1;
-    });
+    }
     if count < FEWEST {
         return Some([Vector3::zeros(); 2]);
     }
     // What was given does not move.
     for (i, variance) in pose.covariance.diagonal().iter().enumerate() {
         if *variance == T::zero() {
-            normal.row_mut(i).fill(T::zero());
-            normal.column_mut(i).fill(T::zero());
-            if let Some(pivot) = normal.get_mut((i, i)) {
-                *pivot = T::one();
+            for (n, entry) in normal.as_mut_slice().iter_mut().enumerate() {
+                if n == 4 * i {
+                    *entry = T::one();
+                } else if n / 3 == i || n % 3 == i {
+                    *entry = T::zero();
+                }
             }
             for right in right.iter_mut().filter_map(|right| right.get_mut(i)) {
                 *right = T::zero();
@@ -474,7 +459,7 @@ fn moves<T: Real>(
 #[inline(never)] // for less stack
 fn fitted<T: Real>(
     pose: &Pose<T>,
-    rows: Rows<'_, T>,
+    rows: &[Row<T>],
     mounting: Mounting<T>,
     moves: [Vector3<T>; 2],
     (tolerance, pitch_sigma, height): (&Tolerance<T>, T, T),
@@ -485,10 +470,7 @@ fn fitted<T: Real>(
         SVector::<T, UNKNOWNS>::zeros(),
     );
     let (mut count, mut sum, mut farthest) = (0, T::zero(), T::zero());
-    rows(&mut |row| {
-        let Some(seen) = seen(pose, row, mounting) else {
-            return;
-        };
+    for seen in rows.iter().filter_map(|row| seen(pose, row, mounting)) {
         let Seen {
             u,
             by_pose,
@@ -521,7 +503,7 @@ fn fitted<T: Real>(
         sum += b * b * weight;
         farthest = farthest.max(u.recip());
         count += 1;
-    });
+    }
     // What is believed beforehand: any height, and pitch and roll in all.
     let zero = T::zero();
     let sigmas = [farthest * lit(ANY_HEIGHT), pitch_sigma, tolerance.tilt];

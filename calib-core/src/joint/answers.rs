@@ -73,7 +73,9 @@ impl<T: Real> Problem<'_, T> {
         let mut pose = self.pose(camera).ok()?;
         pose.covariance *= inflation;
         let mounting = self.cameras.get(camera)?.mounting;
-        level::judge(&pose, &self.rows(camera), mounting, &self.tolerance())
+        let (rows, count) = self.rows(camera);
+        let rows = rows.get(..count)?;
+        level::judge(&pose, rows, mounting, &self.tolerance())
     }
 
     /// Takes better mountings of all cameras that are not level. Returns true if there were any: all is to be solved again.
@@ -89,7 +91,9 @@ impl<T: Real> Problem<'_, T> {
             let Some(mounting) = self.cameras.get(camera).map(|camera| camera.mounting) else {
                 continue;
             };
-            let better = level::improved(&pose, &self.rows(camera), mounting, &self.tolerance());
+            let (rows, count) = self.rows(camera);
+            let rows = rows.get(..count).unwrap_or_default();
+            let better = level::improved(&pose, rows, mounting, &self.tolerance());
             if let (Some(better), Some(camera)) = (better, self.cameras.get_mut(camera)) {
                 camera.mounting = better;
                 is_better = true;

@@ -12,6 +12,9 @@ use crate::{
     numerics::real::lit,
 };
 
+/// Rows of a camera that tell how it hangs: the last ones of so many.
+const ROWS: usize = 32;
+
 /// Cameras 0 and 1: they define the frame.
 pub(super) const REFERENCES: usize = 2;
 
@@ -580,20 +583,30 @@ impl<T: Real> Problem<'_, T> {
         Some(mounting.by_elevation(sight.value, elevation))
     }
 
-    /// Rows of a camera that count.
-    pub(super) fn rows(&self, camera: usize) -> impl Iterator<Item = Row<T>> + Clone {
+    /// The last rows of a camera that count, and their number.
+    #[inline(never)] // for less stack
+    pub(super) fn rows(&self, camera: usize) -> ([Row<T>; ROWS], usize) {
+        let mut rows = [Row::default(); ROWS];
         let standing = self.common.standing;
         let counting = { self.own(camera) }
             .filter(|(_, sight)| sight.standing == Standing::Counts && sight.is_bearing());
-        counting.filter_map(move |(_, sight)| {
-            Some(Row {
-                target: self.stops.get(usize::from(sight.stop))?.place,
-                target_variance: standing * standing,
-                bearing: sight.value,
-                elevation: sight.elevation.radians()?,
-                sigma: sight.sigma,
-            })
-        })
+        let mut count = 0;
+        for (_, sight) in counting {
+            let stop = self.stops.get(usize::from(sight.stop));
+            if let (Some(stop), Some(elevation), Some(row)) =
+                (stop, sight.elevation.radians(), rows.get_mut(count))
+            {
+                *row = Row {
+                    target: stop.place,
+                    target_variance: standing * standing,
+                    bearing: sight.value,
+                    elevation,
+                    sigma: sight.sigma,
+                };
+                count += 1;
+            }
+        }
+        (rows, count)
     }
 
     /// Tolerance of the test of rows. A ball bobs as much as it stands beside its stop.

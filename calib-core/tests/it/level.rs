@@ -132,7 +132,6 @@ impl Room {
     /// As nodes solve it: in the plane, then with the mounting that the rows tell, until that stays.
     fn solved(&self, frame: [f64; 4], is_told_level: bool) -> Option<Found> {
         let rows = self.rows(frame[3]);
-        let rows = rows.iter().copied();
         let mut mounting = Mounting::level();
         for _ in 0..8 {
             let pose = self.in_plane(frame[2], mounting)?.pose;
@@ -350,8 +349,7 @@ fn chi_squared_is_that_of_the_dense_covariance() {
                 tilt: TOLERANCE.tilt as f32,
                 bob: 0.02,
             };
-            let on_node =
-                level::judge(&pose, &single.into_iter(), Mounting::level(), &tolerance).unwrap();
+            let on_node = level::judge(&pose, &single, Mounting::level(), &tolerance).unwrap();
             let off = f64::from(on_node.fit.chi_squared) - chi_squared;
             assert!(
                 off.abs() < 0.02 * (1.0 + chi_squared),
@@ -368,7 +366,7 @@ fn judged(
     rows: &[Row<f64>],
     tolerance: &Tolerance<f64>,
 ) -> Option<Levelness<f64>> {
-    level::judge(pose, &rows.iter().copied(), Mounting::level(), tolerance)
+    level::judge(pose, rows, Mounting::level(), tolerance)
 }
 
 fn single(row: &Row<f64>) -> Row<f32> {

@@ -180,23 +180,24 @@ impl Calibration {
     }
 
     /// The rows of the sightings that count.
-    fn rows<'a>(
-        &'a self,
-        common: &'a KeptSighting,
-        dropped: &'a [bool],
-    ) -> impl Iterator<Item = Row<f32>> + Clone + use<'a> {
-        let used = self.kept.iter().zip(dropped);
-        used.filter(|(_, dropped)| !**dropped)
-            .filter_map(move |(kept, _)| {
-                let sighting = self.sighting(kept, common);
-                Some(Row {
+    // for less stack
+    #[inline(never)]
+    fn rows(&self, common: &KeptSighting, dropped: &[bool]) -> heapless::Vec<Row<f32>, SIGHTINGS> {
+        let mut rows = heapless::Vec::new();
+        for (kept, _) in { self.kept.iter().zip(dropped) }.filter(|(_, dropped)| !**dropped) {
+            let sighting = self.sighting(kept, common);
+            if let Some(elevation) = kept.seen.elevation.radians() {
+                let has_room = rows.push(Row {
                     target: sighting.target,
                     target_variance: sighting.target_covariance.trace() * 0.5,
                     bearing: kept.seen.bearing,
-                    elevation: kept.seen.elevation.radians()?,
+                    elevation,
                     sigma: kept.seen.sigma,
-                })
-            })
+                });
+                debug_assert!(has_room.is_ok(), "it has room for all that are kept");
+            }
+        }
+        rows
     }
 
     /// By how much the pose moves where the lens's tangents are larger by this share, and by this much.

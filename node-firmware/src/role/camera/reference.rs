@@ -373,7 +373,7 @@ impl ReferenceStops {
             .zip(&hung)
             .zip(self.mountings)
         {
-            let judged = level::judge(&pose, &rows.iter().copied(), mounting, &tolerance);
+            let judged = level::judge(&pose, rows, mounting, &tolerance);
             *mount = judged.and_then(|judged| Mount::of(mounting, judged.height));
         }
         Ok(Answer {
@@ -402,8 +402,7 @@ impl ReferenceStops {
         let tolerance = of_both.tolerance(frame);
         let mut is_better = false;
         for ((mounting, pose), rows) in self.mountings.iter_mut().zip(poses).zip(&hung) {
-            let rows = rows.iter().copied();
-            if let Some(better) = level::improved(&pose, &rows, *mounting, &tolerance) {
+            if let Some(better) = level::improved(&pose, rows, *mounting, &tolerance) {
                 *mounting = better;
                 is_better = true;
             }

@@ -251,15 +251,17 @@ impl<const N: usize> Steadiness<N> {
         };
         let doubt = self.doubt(&outline)?;
         let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
-        let edges = || whole().map(above);
-        let above = edges().all(|edges| edges.is_some()).then(|| {
-            [0, 1].map(|n| {
-                let edge = edges()
-                    .flatten()
-                    .map(|edges| edges.get(n).copied().unwrap_or_default());
-                median(&edge.collect::<Vec<f32, N>>())
-            })
-        });
+        let edge = |n: usize| move |blob: &Blob| above(blob)?.get(n).copied();
+        let median_of = |n: usize| {
+            let mut edges = Vec::<f32, N>::new();
+            for value in whole().map(edge(n)) {
+                // As many as there are frames.
+                let _ = edges.push(value?);
+            }
+            Some(median(&edges))
+        };
+        let above = median_of(0).zip(median_of(1));
+        let above = above.map(|(top, bottom)| [top, bottom]);
         Ok(Steady {
             left,
             right,
