@@ -27,6 +27,9 @@ const LATE: StopNumber = 64;
 /// Headings that are not known to this, radians, are no answer yet.
 const HEADING_LIMIT: f32 = 0.1;
 
+/// Stops that leave a degree of freedom, whatever is known.
+const ENOUGH: usize = 4;
+
 /// As many stops give an answer even where they contradict each other.
 const LAST_RESORT: usize = 10;
 
@@ -75,7 +78,7 @@ impl ReferenceFrame {
     /// Stops that leave a degree of freedom: two equations each, and 4 to 6 unknowns.
     fn fewest_to_check(&self) -> usize {
         match (self.baseline, self.sensor_heading) {
-            (None, None) => 4,
+            (None, None) => ENOUGH,
             _ => 3,
         }
     }
@@ -271,6 +274,12 @@ impl ReferenceStops {
             let has_room = seen.push((stop, place, rays)).is_ok();
             debug_assert!(has_room, "as many as there are stops");
         }
+        // A full list has room for no more of them than it has, where one camera alone saw the others.
+        let wanted = if self.stops.is_full() {
+            wanted.min(ENOUGH)
+        } else {
+            wanted
+        };
         if seen.len() < wanted {
             return Err(NotYet::Waiting);
         }
@@ -332,18 +341,28 @@ impl ReferenceStops {
         wanted: usize,
     ) -> Result<Answer, NotYet> {
         self.mountings = LEVEL;
-        for round in 0..=MOUNTING_ROUNDS {
-            match self.attempt(frame, wanted, Attempt::All) {
-                Err(NotYet::Refused(Refusal::Inconsistent)) => {}
-                answer => return answer,
-            }
-            // Cameras that are not level contradict each other until their rows are used.
-            if round == MOUNTING_ROUNDS || !self.improve(frame, wanted) {
+        let few = wanted.max(frame.fewest_to_check());
+        let as_level = self.attempt(frame, wanted, Attempt::All);
+        if !matches!(as_level, Err(NotYet::Refused(_))) {
+            return as_level;
+        }
+        // Cameras that are not level contradict each other until their rows are used.
+        for _ in 0..MOUNTING_ROUNDS {
+            let is_better = [Attempt::All, Attempt::Last(frame.fewest_to_check() + 1)]
+                .into_iter()
+                .any(|attempt| self.improve(frame, wanted, attempt));
+            if !is_better {
                 break;
+            }
+            let answer = self.attempt(frame, wanted, Attempt::All);
+            if answer.is_ok() {
+                return answer;
             }
         }
         self.mountings = LEVEL;
-        let few = wanted.max(frame.fewest_to_check());
+        if as_level != Err(NotYet::Refused(Refusal::Inconsistent)) {
+            return as_level;
+        }
         for attempt in [Attempt::Last(few), Attempt::LastResort] {
             // People should hear of the contradiction.
             if let Ok(answer) = self.attempt(frame, wanted, attempt) {
@@ -389,10 +408,10 @@ impl ReferenceStops {
     /// Takes better mountings of both, if their rows tell any: of the best answer, though the stops contradict it.
     // for less stack
     #[inline(never)]
-    fn improve(&mut self, frame: &ReferenceFrame, wanted: usize) -> bool {
+    fn improve(&mut self, frame: &ReferenceFrame, wanted: usize, attempt: Attempt) -> bool {
         let mut of_both = WalkOfBoth::default();
         let settings = ReferenceSettings::default();
-        let solved = self.walk(wanted, Attempt::All, &mut of_both).is_ok();
+        let solved = self.walk(wanted, attempt, &mut of_both).is_ok();
         let solved = solved.then(|| reference::solve(&of_both.stops, &frame.known(), &settings));
         let Some(Ok(outcome)) = solved else {
             return false;

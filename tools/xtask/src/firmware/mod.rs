@@ -110,8 +110,8 @@ const ROLES: [Role; 3] = [
     },
     Role {
         name: "target",
-        flash: 204 << 10,
-        ram: 150 << 10,
+        flash: 206 << 10,
+        ram: 152 << 10,
     },
 ];
 
