@@ -20,7 +20,7 @@
 //! the rows fit.
 //!
 //! # Level, until rows say otherwise
-//! A camera is taken for level as long as its rows fit a pitch and a roll within the tolerance of whoever put it up.
+//! A camera is taken for level as long as its rows fit a pitch and a roll within the tolerance of its installer.
 //! Then nothing of it is estimated, and `h` tells how much a tilt within the tolerance may move its pose. If they do not
 //! fit, its pitch is whatever the rows say; its roll stays one of a bracket. The errors of both are in the covariance
 //! that [`Levelness::widening`] adds to that of the pose.
@@ -237,7 +237,7 @@ pub struct Levelness<T: Real> {
     pub height: T,
     /// Pitch and roll: none of a level camera.
     pub mounting: Mounting<T>,
-    /// What pitch and roll that are not known exactly add to the covariance of (x, y, heading).
+    /// Covariance of (x, y, heading) by a pitch and a roll that are not known exactly.
     pub widening: Matrix3<T>,
     /// Variance by them of a place that was given instead, along the heading: all others are off by as much.
     pub shift_variance: T,
@@ -346,8 +346,9 @@ struct Fitted<T: Real> {
     chi_squared: T,
     height: T,
     height_variance: T,
-    /// What is left of both.
+    /// Rest of the pitch.
     pitch: T,
+    /// Rest of the roll.
     roll: T,
     /// Of pitch and roll.
     covariance: Matrix2<T>,

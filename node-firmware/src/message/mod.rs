@@ -437,7 +437,7 @@ pub struct Report {
     pub joint: Option<ProtectionLevel>,
     /// State of the camera's knowledge.
     pub state: CameraState,
-    /// How the camera hangs, if it is not level.
+    /// Its mounting, if it is not level.
     pub mount: Option<Mount>,
 }
 
@@ -500,7 +500,7 @@ pub enum CameraState {
     OtherLens(PoseParts, FittingLens),
 }
 
-/// How a camera hangs that is not level, as its rows tell.
+/// Mounting of a camera that is not level, as its rows tell.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Mount {
@@ -679,7 +679,7 @@ impl Report {
         self.state.pose()
     }
 
-    /// What the camera sees, turned upright: its pose is that of a level camera. `None` without the row of a camera that
+    /// Direction that the camera sees, turned upright: its pose is that of a level camera. `None` without the row of a camera that
     /// is not level.
     pub fn upright(&self, seen: Seen) -> Option<Seen> {
         self.mount.map_or(Some(seen), |mount| mount.upright(&seen))

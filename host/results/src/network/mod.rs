@@ -151,7 +151,7 @@ pub struct Camera {
     pub checked: bool,
     /// Its lens, where lenses were estimated.
     pub lens: Option<LensEstimate>,
-    /// How it hangs, if it is not level.
+    /// Its mounting, if it is not level.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mount: Option<NodeMount>,
     /// True if its bearings fit once left and right are exchanged: it hangs upside down, or its picture is mirrored.

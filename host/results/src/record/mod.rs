@@ -247,7 +247,7 @@ pub struct Node {
     /// configured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens: Option<NodeLens>,
-    /// How it hangs, of a camera that is not level as its rows tell.
+    /// Its mounting, of a camera that is not level as its rows tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount: Option<NodeMount>,
     /// Each sighting against the estimate.
@@ -292,7 +292,7 @@ pub struct NodeLens {
     pub fov_deg: f64,
 }
 
-/// How a camera hangs that is not level, as its rows tell.
+/// Mounting of a camera that is not level, as its rows tell.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeMount {
     /// Height above the ball.

@@ -468,7 +468,7 @@ impl ReferenceFrame {
     }
 }
 
-/// What a camera with this mounting sees, as a level one would. Without its row it stays as it is.
+/// Direction that a camera with this mounting sees, as a level one would. Without its row it stays as it is.
 fn upright(seen: &Seen, mounting: Mounting<f32>) -> Ray<f32> {
     let Some(elevation) = seen.elevation.radians().filter(|_| !mounting.is_level()) else {
         return seen.ray();
