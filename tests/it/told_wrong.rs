@@ -5,6 +5,7 @@ use std::fmt;
 
 use calib_core::{Pose, Status};
 use host_sim::network::{Options, Simulation};
+use rand::RngExt;
 use results::record::RunRecord;
 use site::{Overrides, Scenario, SensorTable};
 use test_support::{generator, normal};
@@ -41,18 +42,43 @@ impl fmt::Display for Wrong {
     }
 }
 
-/// Six cameras around a room, and a person whose steps are 5 % and 2 degrees off at one sigma.
-fn run(wrong: Wrong, stops: usize, seed: u64) -> RunRecord {
+/// Number of a camera, its place and heading.
+type Hung = (u16, f64, f64, f64);
+
+/// A room of 6 to 9 by 5 to 8, and six cameras along its walls that look into it. The
+/// references are in the corners of one wall.
+fn room(seed: u64) -> ([f64; 2], [Hung; 6]) {
+    let mut random = generator(9000 + seed);
+    let mut between = |low: f64, high: f64| random.random_range(low..high);
+    let size = [between(6.0, 9.0), between(5.0, 8.0)];
+    let [right, far] = size.map(|length| length - WALL);
+    let [along, left_at, right_at, near] = [
+        between(0.3, 0.7) * size[0],
+        between(0.4, 0.9) * size[1],
+        between(0.4, 0.9) * size[1],
+        between(0.2, 0.8) * size[0],
+    ];
+    let cameras = [
+        (1, WALL, WALL, 45.0),
+        (2, right, WALL, 135.0),
+        (3, along, far, 270.0),
+        (4, WALL, left_at, 0.0),
+        (5, right, right_at, 180.0),
+        (6, near, WALL, 90.0),
+    ];
+    let cameras = cameras.map(|(id, x, y, heading)| (id, x, y, heading + between(-15.0, 15.0)));
+    (size, cameras)
+}
+
+/// Distance of cameras from the walls.
+const WALL: f64 = 0.2;
+
+/// Six cameras around a room, and a person whose steps are 5 % and 2 degrees off at one sigma. `None` of a room in which
+/// a camera that hangs so sees the ball at fewer places than that.
+fn run(wrong: Wrong, stops: usize, seed: u64) -> Option<RunRecord> {
     let mut random = generator(7000 + seed);
     let mut cameras = String::new();
-    let places = [
-        (1, 0.0, 0.0, 45.0),
-        (2, 8.0, 0.0, 135.0),
-        (3, 4.0, 7.5, 270.0),
-        (4, -1.0, 4.0, 0.0),
-        (5, 9.0, 5.0, 190.0),
-        (6, 0.0, 7.5, 315.0),
-    ];
+    let ([width, depth], places) = room(seed);
     for (id, x, y, heading) in places {
         let [scale, principal] = match wrong {
             Wrong::Lens(of) if of == id => [LENS, 0.0],
@@ -77,10 +103,10 @@ fn run(wrong: Wrong, stops: usize, seed: u64) -> RunRecord {
         );
     }
     let baseline = match wrong {
-        Wrong::Baseline => 8.7,
-        Wrong::Everything => 8.0 * (1.0 + 0.025 * normal(&mut random)),
-        _ => 8.0,
-    };
+        Wrong::Baseline => 1.0875,
+        Wrong::Everything => 1.0 + 0.025 * normal(&mut random),
+        _ => 1.0,
+    } * (width - 2.0 * WALL);
     let text = format!(
         r#"
         name = "six"
@@ -90,8 +116,8 @@ fn run(wrong: Wrong, stops: usize, seed: u64) -> RunRecord {
         field_of_view_deg = 60.0
         range = 9.0
         [world]
-        low = [-2.0, -2.0]
-        high = [10.0, 9.0]
+        low = [0.0, 0.0]
+        high = [{width}, {depth}]
         [sensor]
         measures = true
         [firmware]
@@ -116,9 +142,8 @@ fn run(wrong: Wrong, stops: usize, seed: u64) -> RunRecord {
         heading_bias_deg: 2.0 * normal(&mut random),
         ..scenario.sensor.unwrap_or_default()
     });
-    Simulation::new(scenario, Options::default())
-        .unwrap()
-        .run(|_| ())
+    let simulation = Simulation::new(scenario, Options::default());
+    Some(simulation.ok()?.run(|_| ()))
 }
 
 /// Cameras that are no references: all, those called calibrated, and of these the squared error over the
@@ -138,7 +163,10 @@ fn count(wrong: Wrong, stops: usize) -> Counts {
     };
     let mut counts = Counts::default();
     for seed in 1..=seeds {
-        let record = run(wrong, stops, seed);
+        let Some(record) = run(wrong, stops, seed) else {
+            counts.all += 4;
+            continue;
+        };
         for camera in record.cameras() {
             let is_reference = camera.id <= 2;
             counts.all += usize::from(!is_reference);
@@ -162,7 +190,7 @@ fn count(wrong: Wrong, stops: usize) -> Counts {
             };
             if off > 5.0 || turned > 5.0 {
                 println!(
-                    "{wrong}, {stops} stops, seed {seed}: camera {} is {off:.1} and {turned:.1} sigmas off: {camera:#?}",
+                    "{wrong}, {stops} stops, seed {seed}: camera {} is {off:.1} and {turned:.1} sigmas off: {estimate:?}",
                     camera.id
                 );
                 counts.deceived += 1;
@@ -198,9 +226,11 @@ fn what_is_told_wrongly_deceives_no_camera() {
             // What is wrong may also be noticed.
             let least = match wrong {
                 Wrong::Nothing => 97,
+                // A level camera that hangs above the ball does not see it nearby, least of all in small rooms.
+                Wrong::Down(0.0, _) => 40,
                 // Three stops do not always tell a pitch; brackets are off by more than is said.
                 Wrong::Down(..) | Wrong::Rolled(..) if stops == 3 => 60,
-                Wrong::Down(0.0, _) | Wrong::UpsideDown(_) => 60,
+                Wrong::UpsideDown(_) => 60,
                 _ => 75,
             };
             assert!(
