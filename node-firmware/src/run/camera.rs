@@ -210,7 +210,15 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         let Some(subject) = self.subjects.of_target(colour) else {
             return Some((Sight::NotInView, None));
         };
-        let looked = match look(&mut self.camera, subject, judge).await {
+        let mut is_again = false;
+        let looked = loop {
+            match look(&mut self.camera, subject, judge).await {
+                // A picture is lost, and the target stands there for more of them.
+                Err(error) if error.is_passing() && !is_again => is_again = true,
+                looked => break looked,
+            }
+        };
+        let looked = match looked {
             Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
             Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
@@ -289,6 +297,10 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     warning!("the camera does not track: {}", error);
                     if error.wants_start_up() {
                         return Err(error);
+                    }
+                    if error.is_passing() {
+                        // It is begun again.
+                        break Some(CameraTask::Command(command));
                     }
                     events.send(done(command, CommandOutcome::Failed)).await;
                     break None;
