@@ -830,7 +830,7 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Sightings", 1),
     ("Sighting", 35),
     ("Confirmed", 77),
-    ("Health", 4),
+    ("Health", 6),
 ];
 
 #[test]
