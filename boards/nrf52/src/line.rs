@@ -1,5 +1,7 @@
 //! The UART to the camera or the PC.
 
+use core::mem::ManuallyDrop;
+
 use board_support::lost::Lost;
 use embassy_nrf::{
     Peri, bind_interrupts,
@@ -10,7 +12,7 @@ use embassy_nrf::{
 };
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 
 use crate::board::Wires;
 
@@ -43,7 +45,8 @@ pub(crate) struct Line {
 impl Line {
     /// The UART to the camera, or the PC of a coordinator.
     pub(crate) fn open(mut self, node: &CheckedConfig) -> Uart {
-        static BUFFERS: StaticCell<Buffers> = StaticCell::new();
+        static BUFFERS: ConstStaticCell<Buffers> =
+            ConstStaticCell::new(([0; UART_RECEIVE], [0; UART_SEND]));
         if let (RoleConfig::Coordinator(_), Some(console)) = (&node.role, self.console.take()) {
             self.camera = console;
         }
@@ -59,7 +62,7 @@ impl Line {
                 BaudRate::B115200 => Baudrate::Baud115200,
             },
             line: self,
-            buffers: BUFFERS.init(([0; UART_RECEIVE], [0; UART_SEND])),
+            buffers: BUFFERS.take(),
             driver: None,
         }
     }
@@ -74,8 +77,9 @@ pub struct Uart {
     line: Line,
     baudrate: Baudrate,
     buffers: *mut Buffers,
-    /// From the first transfer on, or the first after an overrun.
-    driver: Option<BufferedUarte<'static>>,
+    /// From the first transfer on, or the first after an overrun. It is dropped there alone: a node that ends
+    /// restarts its chip.
+    driver: Option<ManuallyDrop<BufferedUarte<'static>>>,
 }
 
 impl Uart {
@@ -113,7 +117,7 @@ impl Uart {
             );
             // Without a camera or a PC the line would float, and its noise would be bytes.
             configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
-            driver
+            ManuallyDrop::new(driver)
         })
     }
 }
@@ -125,8 +129,10 @@ impl ErrorType for Uart {
 impl Read for Uart {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
         let read = self.driver().read(buffer).await;
-        if read.is_err() {
-            self.driver = None;
+        if read.is_err()
+            && let Some(driver) = self.driver.take()
+        {
+            drop(ManuallyDrop::into_inner(driver));
         }
         read.map_err(|_| Lost)
     }

@@ -231,12 +231,10 @@ impl Read for Lossless {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
         let line = self.0.0;
         let len = line.received.read(buffer).await;
-        if line.takes_loss() {
-            // Some of these came after the hole.
-            line.received.clear();
-            return Err(Lost);
+        match line.takes_loss() {
+            true => Err(Lost),
+            false => Ok(len),
         }
-        Ok(len)
     }
 }
 

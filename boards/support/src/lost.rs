@@ -4,8 +4,8 @@ use core::fmt;
 
 use embedded_io_async::{Error, ErrorKind};
 
-/// Bytes were lost: those that were not read yet, and some that came after them. The next ones are whole again. Of a
-/// camera a picture is lost, and it is asked for another one.
+/// Bytes were lost, and perhaps some of those before and after them. A camera is asked for another picture then, and a
+/// PC repeats what is not confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lost;
 

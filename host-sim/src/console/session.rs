@@ -919,6 +919,36 @@ mod tests {
         assert_eq!(session.poll(at(1_200)), Err(Failure::NoCamera(4)));
     }
 
+    /// The target tells the stop; one at another place, or of another target, is no answer.
+    #[test]
+    fn a_told_place_is_confirmed_by_the_stop_there() {
+        let place = ([2.5, 4.0], [1e-4, 0.0, 1e-4]);
+        let stopped = |address, [x, y]: [f32; 2]| ToPc::Stopped {
+            address,
+            stop: 3,
+            place: Some(([x, y], [0.1, 0.0, 0.1])),
+        };
+        let mut session = listed(&[Wish::Stands(4, place)]);
+        let sent = FromPc::Located {
+            address: 2,
+            located: TargetLocation::of_place(place),
+        };
+        assert_eq!(session.poll(at(1_200)), Ok(Some(sent)));
+        let others = [stopped(2, [2.5, 4.5]), stopped(1, [2.5, 4.0])];
+        tell(&mut session, 1_300, &others);
+        assert!(!session.is_done());
+        tell(&mut session, 1_400, &[stopped(2, [2.5, 4.0])]);
+        assert!(session.is_done());
+
+        let mut session = listed(&[Wish::Stands(4, place)]);
+        session.poll(at(1_200)).unwrap();
+        session.poll(at(10_000)).unwrap();
+        let failure = session.poll(at(11_200)).unwrap_err();
+        assert!(failure.to_string().contains("its step sensor works"));
+        let mut session = listed(&[Wish::Stands(7, place)]);
+        assert_eq!(session.poll(at(1_200)), Err(Failure::NoTarget(7)));
+    }
+
     /// Users are told in the words that they type.
     #[test]
     fn what_became_of_a_command_is_told_in_its_words() {

@@ -462,24 +462,15 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// Takes its health: the coordinator hears of news. Returns true if it is news.
-    fn on_health(&mut self, now: Instant, health: Health) -> bool {
-        let is_news = core::mem::replace(&mut self.health, health) != health;
-        if is_news {
-            self.notifications.notify(TargetNotification::Health, now);
-        }
-        is_news
-    }
-
-    /// State of the step sensor. Whatever it is now, steps may have been missed where it is another one.
+    /// State of the step sensor. Steps may have been missed where it is another one.
     fn on_sensor(&mut self, now: Instant, steps: Option<SensorError>) {
-        let failed = self.has_no_steps();
-        let health = Health {
-            steps,
-            ..self.health
-        };
+        let before = core::mem::replace(&mut self.health.steps, steps);
+        if before == steps {
+            return;
+        }
+        self.notifications.notify(TargetNotification::Health, now);
         // A sensor that goes on failing makes no new stops.
-        if self.on_health(now, health) && failed != self.has_no_steps() {
+        if before.is_some() != steps.is_some() {
             self.lose(now);
         }
     }
@@ -708,7 +699,9 @@ impl Role for TargetRole<'_> {
             restart,
             ..self.health
         };
-        self.on_health(now, health);
+        if core::mem::replace(&mut self.health, health) != health {
+            self.notifications.notify(TargetNotification::Health, now);
+        }
     }
 
     fn compute(&mut self, now: Instant) {
