@@ -131,7 +131,8 @@ fn place(text: &str) -> Result<(u16, [f64; 2]), String> {
     let parse = || {
         let (id, place) = text.split_once(':')?;
         let (x, y) = place.split_once(',')?;
-        let [x, y] = [x, y].map(|number| number.trim().parse().ok().filter(|x: &f64| x.is_finite()));
+        let [x, y] =
+            [x, y].map(|number| number.trim().parse().ok().filter(|x: &f64| x.is_finite()));
         Some((id.parse().ok()?, [x?, y?]))
     };
     parse().ok_or_else(|| "a target and its place are needed, such as 30:2.5,4.0".to_owned())

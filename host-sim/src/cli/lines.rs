@@ -79,11 +79,11 @@ impl Lines {
         interrupted: &Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
         let is_one = paths.len() == 1;
-        let concerns_all =
-            |wish: &Wish| {
-                let is_of_a_node = matches!(wish, Wish::Remove(_) | Wish::Command(..) | Wish::Stands(..));
-                is_one || !is_of_a_node
-            };
+        let concerns_all = |wish: &Wish| {
+            let is_of_a_node =
+                matches!(wish, Wish::Remove(_) | Wish::Command(..) | Wish::Stands(..));
+            is_one || !is_of_a_node
+        };
         let (everybodys, waiting): (Vec<_>, VecDeque<_>) =
             wishes
                 .into_iter()

@@ -561,9 +561,7 @@ impl Session {
         }
         let address = match wish {
             Wish::Remove(id) => self.known.addresses(id).first().copied(),
-            Wish::Command(id, _) | Wish::Stands(id, _) => {
-                self.known.addresses(id).last().copied()
-            }
+            Wish::Command(id, _) | Wish::Stands(id, _) => self.known.addresses(id).last().copied(),
             Wish::JoinWindow(_) | Wish::ChangeKey(_) | Wish::ChangePan | Wish::Everybody(_) => {
                 Some(0)
             }

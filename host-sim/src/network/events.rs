@@ -88,10 +88,7 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                 },
             ),
             Action::UnplugSensor { .. } => plan.during(
-                [
-                    "has its step sensor unplugged",
-                    "has its step sensor back",
-                ],
+                ["has its step sensor unplugged", "has its step sensor back"],
                 Node::unplug_sensor,
             ),
             Action::StickCamera { .. } => plan.during(

@@ -13,7 +13,10 @@ use nalgebra::Point2;
 use super::{
     SECOND, SharedWorld, Simulation, console::Console, journal::SharedJournal, node::Node,
 };
-use node_firmware::{console::FromPc, message::{SitePlace, TargetLocation}};
+use node_firmware::{
+    console::FromPc,
+    message::{SitePlace, TargetLocation},
+};
 use site::TargetNode;
 use site::world::{Event, StepSensor, Walker};
 use virtual_hardware::{

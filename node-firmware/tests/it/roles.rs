@@ -257,8 +257,7 @@ fn a_lost_target_is_found() {
     net.walk_to(5);
     let before = net.stops;
     for _ in 0..5 {
-        net.target
-            .event(net.now, BROKEN);
+        net.target.event(net.now, BROKEN);
         net.run_for(SECOND);
     }
     net.target.event(net.now, WORKS);
@@ -278,13 +277,11 @@ fn a_broken_sensor_does_not_wear_the_flash() {
     for camera in &mut net.cameras {
         camera.is_off = true;
     }
-    net.target
-        .event(net.now, BROKEN);
+    net.target.event(net.now, BROKEN);
     net.run_for(70 * SECOND);
     let written = net.target.facts.len();
     for _ in 0..100 {
-        net.target
-            .event(net.now, BROKEN);
+        net.target.event(net.now, BROKEN);
         net.run_for(SECOND);
     }
     assert_eq!(net.target.facts.len(), written);
@@ -298,8 +295,7 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
     for _ in 0..2 {
         let before = (net.target.facts.len(), net.air.sent.len());
         for _ in 0..100 {
-            net.target
-                .event(net.now, BROKEN);
+            net.target.event(net.now, BROKEN);
             net.run_for(SECOND);
         }
         assert!(!net.target.role.position().1);
@@ -321,8 +317,7 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
 fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     let mut net = Net::new(PERFECT, 8, with_references);
     net.walk_to(5);
-    net.target
-        .event(net.now, BROKEN);
+    net.target.event(net.now, BROKEN);
     net.target.event(net.now, WORKS);
     let step = Step {
         distance: 1.0,

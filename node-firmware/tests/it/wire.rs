@@ -375,7 +375,10 @@ fn healths() -> [(Health, &'static str); 8] {
             health(Memory::Flash, Eye::Sees, Restart::CameraStuck),
             "00000300",
         ),
-        (health(Memory::Flash, Eye::Sees, Restart::Program), "00000400"),
+        (
+            health(Memory::Flash, Eye::Sees, Restart::Program),
+            "00000400",
+        ),
     ]
 }
 

@@ -84,11 +84,7 @@ impl TargetRole<'_> {
     }
 
     /// It is somewhere else, and the way there is not known.
-    fn jump(
-        &mut self,
-        position: Point2<f32>,
-        covariance: Matrix2<f32>,
-    ) -> Result<(), TrackError> {
+    fn jump(&mut self, position: Point2<f32>, covariance: Matrix2<f32>) -> Result<(), TrackError> {
         let own_frame = systematic(&self.config, 0.0);
         self.track.relocate(position, covariance, own_frame)?;
         self.located = false;
@@ -281,7 +277,11 @@ impl TargetRole<'_> {
         let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
         let is_of_use =
             bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());
-        if self.located || self.has_no_steps() || !is_mine || bearing.stop != self.stop || !is_of_use
+        if self.located
+            || self.has_no_steps()
+            || !is_mine
+            || bearing.stop != self.stop
+            || !is_of_use
         {
             return;
         }

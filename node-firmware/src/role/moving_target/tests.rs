@@ -491,7 +491,11 @@ fn a_place_that_is_none_is_not_believed() {
     ] {
         let told = Message::Located(TargetLocation::of_place(place));
         target.on_message(at(5), COORDINATOR, &told);
-        assert_eq!((target.stop, target.position().1), (stop, false), "{place:?}");
+        assert_eq!(
+            (target.stop, target.position().1),
+            (stop, false),
+            "{place:?}"
+        );
     }
 }
 

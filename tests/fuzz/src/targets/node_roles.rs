@@ -136,7 +136,7 @@ fn number(bytes: &[u8]) -> Option<(f32, &[u8])> {
 fn step(bytes: &[u8]) -> Option<moving_target::TargetEvent> {
     let Some((distance, rest)) = number(bytes) else {
         let fault = Chip::Compass.is(SensorFault::Silent);
-        let failed = !bytes.is_empty();
+        let failed = bytes.is_empty();
         return Some(moving_target::TargetEvent::Sensor(failed.then_some(fault)));
     };
     let (heading, rest) = number(rest)?;

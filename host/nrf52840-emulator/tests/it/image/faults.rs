@@ -401,7 +401,9 @@ fn lost_bytes_are_a_lost_picture() {
     let calm = looks();
     let asks = |camera: &Outcome| {
         let all: Vec<_> = camera.line.windows(3).collect();
-        let asks = all.iter().filter(|bytes| [bytes[0].1, bytes[1].1, bytes[2].1] == *b"\rTC");
+        let asks = all
+            .iter()
+            .filter(|bytes| [bytes[0].1, bytes[1].1, bytes[2].1] == *b"\rTC");
         asks.map(|bytes| bytes[2].0).collect::<Vec<_>>()
     };
     let before = asks(&calm);
