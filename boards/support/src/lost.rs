@@ -18,7 +18,7 @@ impl fmt::Display for Lost {
 impl core::error::Error for Lost {}
 
 impl Error for Lost {
-    /// Whoever tries again may succeed.
+    /// Another attempt may succeed.
     fn kind(&self) -> ErrorKind {
         ErrorKind::Interrupted
     }

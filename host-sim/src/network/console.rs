@@ -155,7 +155,7 @@ impl Console {
 
     /// A carrier has the person at the PC tell the coordinator something.
     pub(super) fn say(&self, message: FromPc) {
-        // Whoever is not heard says it again.
+        // A carrier who is not heard says it again.
         let _ = self.0.said.try_send(message);
     }
 
