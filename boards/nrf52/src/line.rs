@@ -72,7 +72,7 @@ impl Line {
 ///
 /// The driver finds its place in the ring by counting all bytes that arrive, also those for which
 /// there was no room: after an overrun it would return old bytes for new ones for ever. So it is made anew then, and
-/// what waits in the ring is lost too. The ring is long enough that this does not happen at the rates of a camera.
+/// what waits in both rings is lost too. The ring is long enough that this does not happen at the rates of a camera.
 pub struct Uart {
     line: Line,
     baudrate: Baudrate,
