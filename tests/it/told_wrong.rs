@@ -162,7 +162,7 @@ fn count(wrong: Wrong, stops: usize) -> Counts {
             };
             if off > 5.0 || turned > 5.0 {
                 println!(
-                    "{wrong}, {stops} stops, seed {seed}: camera {} is {off:.1} and {turned:.1} sigmas off: {estimate:?}",
+                    "{wrong}, {stops} stops, seed {seed}: camera {} is {off:.1} and {turned:.1} sigmas off: {camera:#?}",
                     camera.id
                 );
                 counts.deceived += 1;

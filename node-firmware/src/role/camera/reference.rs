@@ -46,12 +46,15 @@ pub(super) struct ReferenceFrame {
     sensor_heading: Option<f32>,
     /// Standard deviation of the pitch and roll of level cameras, radians.
     tilt: f32,
+    /// Standard deviations of a lens's tangents: a share, and an offset.
+    lens: [f32; 2],
 }
 
 impl ReferenceFrame {
     pub(super) fn new(references: &References, config: &CameraConfig) -> Self {
         let sensor_heading = config.frame_heading_deg.map(f32::to_radians);
         let tilt = config.lens_sigma.tilt_deg.to_radians();
+        let lens = config.lens_sigma.of_tangent();
         match references.positions {
             Some([first, second]) => {
                 let between = Point2::from(second) - Point2::from(first);
@@ -61,6 +64,7 @@ impl ReferenceFrame {
                     baseline: Some(root(between.norm_squared())),
                     sensor_heading,
                     tilt,
+                    lens,
                 }
             }
             None => Self {
@@ -69,6 +73,7 @@ impl ReferenceFrame {
                 baseline: config.baseline,
                 sensor_heading,
                 tilt,
+                lens,
             },
         }
     }
@@ -469,10 +474,14 @@ struct Attempted {
 }
 
 /// Mounting of a reference, by its rows.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Hung {
     judged: Option<Levelness<f32>>,
     better: Option<Mounting<f32>>,
+    /// Variance of its heading by its mounting and its lens.
+    turned: f32,
+    /// Variance by its mounting of its place along the baseline.
+    shifted: f32,
 }
 
 impl Hung {
@@ -496,20 +505,33 @@ impl WalkOfBoth {
             tilt: frame.tilt,
             bob: self.standing,
         };
-        let mut all = [Hung {
-            judged: None,
-            better: None,
-        }; 2];
+        let mut all = [Hung::default(); 2];
         let poses = best.poses(Point2::origin(), 0.0);
         let rows = self.rows(best);
-        for (((hung, pose), rows), mounting) in all.iter_mut().zip(&poses).zip(&rows).zip(mountings)
+        for (n, (((hung, pose), rows), mounting)) in
+            { all.iter_mut().zip(&poses).zip(&rows).zip(mountings) }.enumerate()
         {
+            let judged = level::judge(pose, rows, mounting, &tolerance);
+            let widening = judged.map_or_else(Matrix3::zeros, |judged| judged.widening);
             *hung = Hung {
-                judged: level::judge(pose, rows, mounting, &tolerance),
+                judged,
                 better: level::improved(pose, rows, mounting, &tolerance),
+                turned: widening.m33 + self.by_lens(n, frame.lens),
+                shifted: widening.m11,
             };
         }
         all
+    }
+
+    /// Variance of a camera's heading by a lens that is not as it is told: the turn that its mean bearing would take.
+    fn by_lens(&self, camera: usize, [focal, principal]: [f32; 2]) -> f32 {
+        let bearings = self.seen.iter().filter_map(|seen| seen.get(camera));
+        let (mut sum, mut count) = (0.0, 0.0);
+        for seen in bearings {
+            sum += seen.bearing * seen.bearing;
+            count += 1.0;
+        }
+        principal * principal + focal * focal * sum / f32::max(count, 1.0)
     }
 
     /// The rows of both cameras, in the frame between them.
@@ -583,15 +605,12 @@ fn decided<'a>(
     if outcome.alternative.is_some() || !sure {
         return Err(NotYet::Refused(Refusal::Undetermined));
     }
-    let [first, second] = hung.map(|hung| {
-        hung.judged
-            .map_or_else(Matrix3::zeros, |judged| judged.widening)
-    });
+    let [first, second] = hung;
     let c = &mut best.covariance;
-    c.m11 += first.m33;
-    c.m22 += second.m33;
+    c.m11 += first.turned;
+    c.m22 += second.turned;
     if c.m66 > 0.0 {
-        c.m66 += second.m11;
+        c.m66 += second.shifted;
     }
     Ok(best)
 }
