@@ -12,7 +12,7 @@ use crate::{
     config::SiteKey,
     message::{
         CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
-        SitePlace, StopNumber, Tracked,
+        SitePlace, StopNumber, TargetLocation, Tracked,
     },
 };
 
@@ -159,7 +159,7 @@ pub struct NetworkInfo {
 }
 
 /// From the PC to the coordinator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FromPc {
     /// Tell network, members and reports again.
@@ -183,6 +183,13 @@ pub enum FromPc {
     ChangeKey(SiteKey),
     /// Take another PAN identifier, and tell all members.
     ChangePan,
+    /// A target whose step sensor fails stands here. It tells that as a stop, whatever the number here.
+    Located {
+        /// The target's address.
+        address: MemberAddress,
+        /// Its place.
+        located: TargetLocation,
+    },
 }
 
 /// Writes a message as a frame; `None` never happens: every message fits.

@@ -5,8 +5,6 @@
 //! anyway.
 
 use core::{
-    convert::Infallible,
-    fmt::Debug,
     future::{Future, pending},
     ops::Range,
 };
@@ -17,7 +15,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use serde::{Deserialize, Serialize};
 use zigbee_link::{radio::Radio, runner::Clock, wire::ShortAddress};
 
-use crate::{facts::Fact, message::Message};
+use crate::{facts::Fact, message::Message, steps::SensorError};
 
 /// The drivers that a node runs on. Implemented by a type that stands for the board; it needs no value.
 pub trait Hardware {
@@ -76,29 +74,23 @@ pub struct FlashLayout {
 
 /// The sensor that tells a target its movements.
 pub trait StepSensor {
-    /// Failure of the sensor.
-    type Error: Debug;
-
-    /// The next step. While the target stands there is none. Cancel-safe.
+    /// The next step; `None` when the sensor works again after it failed. While the target stands there is none.
+    /// Cancel-safe.
     ///
     /// # Errors
     /// The sensor failed. The target's place is lost then.
-    fn next(&mut self) -> impl Future<Output = Result<Step<f32>, Self::Error>>;
+    fn next(&mut self) -> impl Future<Output = Result<Option<Step<f32>>, SensorError>>;
 }
 
 impl<S: StepSensor> StepSensor for &mut S {
-    type Error = S::Error;
-
-    fn next(&mut self) -> impl Future<Output = Result<Step<f32>, Self::Error>> {
+    fn next(&mut self) -> impl Future<Output = Result<Option<Step<f32>>, SensorError>> {
         S::next(self)
     }
 }
 
 /// No step sensor: coordinators and cameras do not walk.
 impl StepSensor for () {
-    type Error = Infallible;
-
-    async fn next(&mut self) -> Result<Step<f32>, Infallible> {
+    async fn next(&mut self) -> Result<Option<Step<f32>>, SensorError> {
         pending().await
     }
 }

@@ -3,27 +3,16 @@
 use board_support::pins::{Lamps, PushButtons};
 use embassy_nrf::{
     Peri, Peripherals, bind_interrupts,
-    buffered_uarte::{self, Baudrate, BufferedUarte},
     config::{HfclkSource, LfclkSource},
-    gpio::{AnyPin, Input, Level, Output, OutputDrive, Pin, Port, Pull},
-    pac::{self, gpio::vals},
-    peripherals, radio, uarte,
+    gpio::{AnyPin, Input, Level, Output, OutputDrive, Pull},
+    peripherals, radio,
 };
-use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
-use static_cell::StaticCell;
 
-use crate::{sensor_bus::SensorBus, watchdog};
+use crate::{line::Line, sensor_bus::SensorBus, watchdog};
 
 bind_interrupts!(struct Irqs {
     RADIO => radio::InterruptHandler<peripherals::RADIO>;
-    UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
 });
-
-/// Half of it is free at least. An erasure of a page stops the processor for up to 85 ms (Product
-/// Specification, "NVMC"), in which 979 bytes come at 115,200 baud if the line is never idle.
-const UART_RECEIVE: usize = 2048;
-/// Longer than any command to a camera; bytes to a PC wait.
-const UART_SEND: usize = 64;
 
 /// Pins of a board.
 pub struct Pins {
@@ -86,19 +75,6 @@ pub struct Board {
     pub(crate) watchdog: Peri<'static, peripherals::WDT>,
 }
 
-/// The peripherals of the UART to the camera or the PC, whose rate is not known before the configuration is.
-pub(crate) struct Line {
-    uart: Peri<'static, peripherals::UARTE0>,
-    timer: Peri<'static, peripherals::TIMER1>,
-    channels: (
-        Peri<'static, peripherals::PPI_CH0>,
-        Peri<'static, peripherals::PPI_CH1>,
-    ),
-    group: Peri<'static, peripherals::PPI_GROUP0>,
-    camera: Wires,
-    console: Option<Wires>,
-}
-
 /// Starts the chip: its watchdog first, then its clocks. Once.
 pub fn start() -> Peripherals {
     watchdog::start();
@@ -150,50 +126,5 @@ impl Board {
             random: parts.random,
             watchdog: parts.watchdog,
         }
-    }
-}
-
-impl Line {
-    /// The UART to the camera, or the PC of a coordinator.
-    pub(crate) fn open(self, node: &CheckedConfig) -> BufferedUarte<'static> {
-        static RECEIVE: StaticCell<[u8; UART_RECEIVE]> = StaticCell::new();
-        static SEND: StaticCell<[u8; UART_SEND]> = StaticCell::new();
-        let mut config = uarte::Config::default();
-        config.baudrate = match node.baud() {
-            BaudRate::B1200 => Baudrate::Baud1200,
-            BaudRate::B2400 => Baudrate::Baud2400,
-            BaudRate::B4800 => Baudrate::Baud4800,
-            BaudRate::B9600 => Baudrate::Baud9600,
-            BaudRate::B19200 => Baudrate::Baud19200,
-            BaudRate::B38400 => Baudrate::Baud38400,
-            BaudRate::B57600 => Baudrate::Baud57600,
-            BaudRate::B115200 => Baudrate::Baud115200,
-        };
-        let wires = match node.role {
-            RoleConfig::Coordinator(_) => self.console.unwrap_or(self.camera),
-            RoleConfig::Camera(_) | RoleConfig::Target(_) => self.camera,
-        };
-        let port = match wires.receive.port() {
-            Port::Port0 => pac::P0,
-            Port::Port1 => pac::P1,
-        };
-        // The compiler sees that there are no more.
-        let configuration = port.pin_cnf(usize::from(wires.receive.pin() % 32));
-        let line = BufferedUarte::new(
-            self.uart,
-            self.timer,
-            self.channels.0,
-            self.channels.1,
-            self.group,
-            wires.receive,
-            wires.send,
-            Irqs,
-            config,
-            RECEIVE.init([0; UART_RECEIVE]),
-            SEND.init([0; UART_SEND]),
-        );
-        // Without a camera or a PC the line would float, and its noise would be bytes.
-        configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
-        line
     }
 }

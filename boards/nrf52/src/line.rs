@@ -1,35 +1,149 @@
-//! The UART to the camera or the PC, without lost bytes.
+//! The UART to the camera or the PC.
 
-use board_support::{last_words::LastWords, retained::say_and_restart};
-use embassy_nrf::buffered_uarte::{BufferedUarte, Error};
+use core::mem::ManuallyDrop;
+
+use board_support::lost::Lost;
+use embassy_nrf::{
+    Peri, bind_interrupts,
+    buffered_uarte::{self, Baudrate, BufferedUarte},
+    gpio::{Pin, Port},
+    pac::{self, gpio::vals},
+    peripherals, uarte,
+};
 use embedded_io_async::{ErrorType, Read, Write};
+use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
+use static_cell::ConstStaticCell;
 
-/// A UART that restarts the node where bytes were lost.
-///
-/// The driver finds its place in the ring by counting all bytes that arrive, also those for which
-/// there was no room: after an overrun it would return old bytes for new ones for ever. The ring is
-/// long enough that this does not happen at the rates of a camera.
-pub struct Lossless(pub(crate) BufferedUarte<'static>);
+use crate::board::Wires;
 
-impl ErrorType for Lossless {
-    type Error = Error;
+bind_interrupts!(struct Irqs {
+    UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
+});
+
+/// Half of it is free at least. An erasure of a page stops the processor for up to 85 ms (Product
+/// Specification, "NVMC"), in which 979 bytes come at 115,200 baud if the line is never idle.
+const UART_RECEIVE: usize = 2048;
+/// Longer than any command to a camera; bytes to a PC wait.
+const UART_SEND: usize = 64;
+
+/// Memory of the driver.
+type Buffers = ([u8; UART_RECEIVE], [u8; UART_SEND]);
+
+/// The peripherals of the UART to the camera or the PC, whose rate is not known before the configuration is.
+pub(crate) struct Line {
+    pub(crate) uart: Peri<'static, peripherals::UARTE0>,
+    pub(crate) timer: Peri<'static, peripherals::TIMER1>,
+    pub(crate) channels: (
+        Peri<'static, peripherals::PPI_CH0>,
+        Peri<'static, peripherals::PPI_CH1>,
+    ),
+    pub(crate) group: Peri<'static, peripherals::PPI_GROUP0>,
+    pub(crate) camera: Wires,
+    pub(crate) console: Option<Wires>,
 }
 
-impl Read for Lossless {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Error> {
-        match self.0.read(buffer).await {
-            Err(Error::Overrun) => say_and_restart(LastWords::decision("the UART lost bytes")),
-            result => result,
+impl Line {
+    /// The UART to the camera, or the PC of a coordinator.
+    pub(crate) fn open(mut self, node: &CheckedConfig) -> Uart {
+        static BUFFERS: ConstStaticCell<Buffers> =
+            ConstStaticCell::new(([0; UART_RECEIVE], [0; UART_SEND]));
+        if let (RoleConfig::Coordinator(_), Some(console)) = (&node.role, self.console.take()) {
+            self.camera = console;
+        }
+        Uart {
+            baudrate: match node.baud() {
+                BaudRate::B1200 => Baudrate::Baud1200,
+                BaudRate::B2400 => Baudrate::Baud2400,
+                BaudRate::B4800 => Baudrate::Baud4800,
+                BaudRate::B9600 => Baudrate::Baud9600,
+                BaudRate::B19200 => Baudrate::Baud19200,
+                BaudRate::B38400 => Baudrate::Baud38400,
+                BaudRate::B57600 => Baudrate::Baud57600,
+                BaudRate::B115200 => Baudrate::Baud115200,
+            },
+            line: self,
+            buffers: BUFFERS.take(),
+            driver: None,
         }
     }
 }
 
-impl Write for Lossless {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-        self.0.write(bytes).await
+/// The UART. Bytes that found no room are an error, after which it goes on.
+///
+/// The driver finds its place in the ring by counting all bytes that arrive, also those for which
+/// there was no room: after an overrun it would return old bytes for new ones for ever. So it is made anew then, and
+/// what waits in both rings is lost too. The ring is long enough that this does not happen at the rates of a camera.
+pub struct Uart {
+    line: Line,
+    baudrate: Baudrate,
+    buffers: *mut Buffers,
+    /// From the first transfer on, or the first after an overrun. It is dropped there alone: a node that ends
+    /// restarts its chip.
+    driver: Option<ManuallyDrop<BufferedUarte<'static>>>,
+}
+
+impl Uart {
+    #[allow(unsafe_code, reason = "the driver is made again of the same parts")]
+    fn driver(&mut self) -> &mut BufferedUarte<'static> {
+        let Self { line, buffers, .. } = self;
+        let mut config = uarte::Config::default();
+        config.baudrate = self.baudrate;
+        self.driver.get_or_insert_with(|| {
+            // SAFETY: the driver that had these parts and buffers was dropped, and nothing else has them.
+            let (receive, send) = unsafe { &mut **buffers };
+            // SAFETY: as above.
+            let (uart, timer, channels, group, from, to) = unsafe {
+                (
+                    line.uart.clone_unchecked(),
+                    line.timer.clone_unchecked(),
+                    (
+                        line.channels.0.clone_unchecked(),
+                        line.channels.1.clone_unchecked(),
+                    ),
+                    line.group.clone_unchecked(),
+                    line.camera.receive.clone_unchecked(),
+                    line.camera.send.clone_unchecked(),
+                )
+            };
+            let port = match from.port() {
+                Port::Port0 => pac::P0,
+                Port::Port1 => pac::P1,
+            };
+            // The compiler sees that there are no more.
+            let configuration = port.pin_cnf(usize::from(from.pin() % 32));
+            let (count, restart) = channels;
+            let driver = BufferedUarte::new(
+                uart, timer, count, restart, group, from, to, Irqs, config, receive, send,
+            );
+            // Without a camera or a PC the line would float, and its noise would be bytes.
+            configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
+            ManuallyDrop::new(driver)
+        })
+    }
+}
+
+impl ErrorType for Uart {
+    type Error = Lost;
+}
+
+impl Read for Uart {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
+        let read = self.driver().read(buffer).await;
+        if read.is_err()
+            && let Some(driver) = self.driver.take()
+        {
+            drop(ManuallyDrop::into_inner(driver));
+        }
+        read.map_err(|_| Lost)
+    }
+}
+
+impl Write for Uart {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Lost> {
+        self.driver().write(bytes).await.map_err(|_| Lost)
     }
 
-    async fn flush(&mut self) -> Result<(), Error> {
-        self.0.flush().await
+    async fn flush(&mut self) -> Result<(), Lost> {
+        self.driver().flush().await.map_err(|_| Lost)
     }
 }

@@ -1,6 +1,6 @@
 //! The tasks. Their start is [`board_support::start`].
 
-use core::pin::pin;
+use core::{pin::pin, ptr};
 
 use board_facts::Board as Facts;
 use board_support::{
@@ -10,10 +10,12 @@ use board_support::{
     start,
     tasks::spawn,
 };
+use cortex_m::{asm, peripheral::NVIC, register::fpscr};
 use defmt_rtt as _;
-use embassy_executor::{Executor, Spawner};
+use embassy_executor::{Spawner, raw};
 use embassy_nrf::{
     gpio::{Input, Output},
+    interrupt::Interrupt,
     nvmc::Nvmc,
     radio::ieee802154,
 };
@@ -30,7 +32,7 @@ use zigbee_link::radio::Csma;
 use crate::{
     board::{Board, Parts, Pins},
     identity::random,
-    line::Lossless,
+    line::Uart,
     memory::Flash,
     radio::{self, OnChip, Shared},
     sensor_bus::SensorBus,
@@ -42,7 +44,7 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
 impl Hardware for Board {
-    type Uart = Lossless;
+    type Uart = Uart;
     type Radio = Csma<OnChip, Delay>;
     type Clock = EmbassyClock;
     type Flash = Flash;
@@ -52,10 +54,30 @@ impl Hardware for Board {
     type Observer = ();
 }
 
-/// Runs tasks, beginning with this.
+/// Flags of exceptions in the status register of the FPU.
+const FPU_FLAGS: u32 = 0x9f;
+
+/// Runs tasks, beginning with this, and sleeps in between.
+#[allow(
+    unsafe_code,
+    reason = "the loop of an executor, and a register of the processor"
+)]
 pub fn execute(begin: impl FnOnce(Spawner)) -> ! {
-    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(begin)
+    static EXECUTOR: StaticCell<raw::Executor> = StaticCell::new();
+    // A task that is woken sends an event, whatever is named here.
+    let executor = EXECUTOR.init(raw::Executor::new(ptr::null_mut()));
+    begin(executor.spawner());
+    loop {
+        // SAFETY: tasks do not call this, and nothing else runs the executor.
+        unsafe { executor.poll() };
+        // Flags that arithmetic leaves would keep the chip awake (Errata, 87: "Unexpected wake from System ON Idle when
+        // using FPU").
+        let state = fpscr::read().bits() & !FPU_FLAGS;
+        // SAFETY: rounding and all else stay as they are.
+        unsafe { fpscr::write(fpscr::Fpscr::from_bits(state)) };
+        NVIC::unpend(Interrupt::FPU);
+        asm::wfe();
+    }
 }
 
 /// A node that is ready to run: its configuration, its hardware, the receiver of its reports.
@@ -84,7 +106,7 @@ pub async fn begin(spawner: Spawner, facts: &'static Facts, pins: Pins, parts: P
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
     let peripherals = PERIPHERALS.init(Some(Peripherals {
-        uart: Lossless(board.line.open(config)),
+        uart: board.line.open(config),
         radio: Csma::new(OnChip::new(shared), Delay, seed),
         clock: EmbassyClock,
         flash: Paged(flash),

@@ -1,7 +1,7 @@
 //! The watchdog, and the reason why the chip last started.
 
 use board_support::{
-    heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start,
+    heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start::Cause,
 };
 use embassy_nrf::{
     Peri,
@@ -78,21 +78,22 @@ pub(crate) async fn feed_always(watchdog: Peri<'static, peripherals::WDT>) {
 }
 
 /// Reason why the chip started, as far as it tells; then forgotten, or it would add up.
-pub(crate) fn reset_cause() -> &'static str {
+pub(crate) fn reset_cause() -> Cause {
     let cause = POWER.resetreas().read();
     POWER.resetreas().write_value(Resetreas(u32::MAX));
-    // The first that explains the others (Product Specification, "POWER", RESETREAS).
-    if cause.dog() {
-        start::WATCHDOG
+    // The first that explains the others (Product Specification, "POWER", RESETREAS). A person may reset a chip whose
+    // watchdog has just bitten.
+    if cause.resetpin() {
+        Cause::other("reset pin")
+    } else if cause.dog() {
+        Cause::WATCHDOG
     } else if cause.lockup() {
-        "processor lock-up"
+        Cause::other("processor lock-up")
     } else if cause.sreq() {
-        "restart by the program"
-    } else if cause.resetpin() {
-        "reset pin"
+        Cause::other("restart by the program")
     } else if cause.dif() || cause.off() || cause.nfc() || cause.vbus() || cause.lpcomp() {
-        "woken up"
+        Cause::other("woken up")
     } else {
-        "power-on"
+        Cause::other("power-on")
     }
 }

@@ -16,7 +16,7 @@ use core::{
     task::Poll,
 };
 
-use board_support::{last_words::LastWords, retained::say_and_restart};
+use board_support::lost::Lost;
 use embassy_stm32::{
     Peri,
     gpio::{AfType, Flex, OutputType, Pull, Speed},
@@ -219,31 +219,33 @@ impl Write for Uart {
     }
 }
 
-/// A UART that restarts the node where bytes were lost: for a camera or a PC, whose messages would
+/// A UART of which lost bytes are an error, after which it goes on: for a camera or a PC, whose messages would
 /// have holes.
 pub(crate) struct Lossless(pub(crate) Uart);
 
 impl ErrorType for Lossless {
-    type Error = Infallible;
+    type Error = Lost;
 }
 
 impl Read for Lossless {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
         let line = self.0.0;
         let len = line.received.read(buffer).await;
-        if line.takes_loss() {
-            say_and_restart(LastWords::decision("the UART lost bytes"));
+        match line.takes_loss() {
+            true => Err(Lost),
+            false => Ok(len),
         }
-        Ok(len)
     }
 }
 
 impl Write for Lossless {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.0.write(bytes).await
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Lost> {
+        let Ok(len) = self.0.write(bytes).await;
+        Ok(len)
     }
 
-    async fn flush(&mut self) -> Result<(), Infallible> {
-        self.0.flush().await
+    async fn flush(&mut self) -> Result<(), Lost> {
+        let Ok(()) = self.0.flush().await;
+        Ok(())
     }
 }

@@ -1,7 +1,7 @@
 //! The watchdog, and the reason why the chip last started.
 
 use board_support::{
-    heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start,
+    heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start::Cause,
 };
 use embassy_stm32::{
     Peri,
@@ -33,22 +33,22 @@ pub(crate) async fn feed(
 }
 
 /// Reason why the chip started, as far as it tells; then forgotten, or it would add up.
-pub(crate) fn reset_cause() -> &'static str {
+pub(crate) fn reset_cause() -> Cause {
     let cause = RCC.csr().read();
     RCC.csr().modify(|state| state.set_rmvf(true));
     // The first that explains the others: each reset pulls at the pin (reference manual RM0351,
     // "System reset").
     if cause.iwdgrstf() {
-        start::WATCHDOG
+        Cause::WATCHDOG
     } else if cause.sftrstf() {
-        "restart by the program"
+        Cause::other("restart by the program")
     } else if cause.borrstf() {
-        "power-on"
+        Cause::other("power-on")
     } else if cause.lpwrrstf() || cause.wwdgrstf() || cause.fwrstf() || cause.oblrstf() {
-        "option bytes, firewall, other watchdog or low power"
+        Cause::other("option bytes, firewall, other watchdog or low power")
     } else if cause.pinrstf() {
-        "reset pin"
+        Cause::other("reset pin")
     } else {
-        "woken up"
+        Cause::other("woken up")
     }
 }

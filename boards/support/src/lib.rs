@@ -7,6 +7,7 @@
 //! | [`heartbeats`] | check that every task still runs, for a watchdog |
 //! | [`failure`] | reasons why a node cannot go on, in words |
 //! | [`last_words`] | reason why a node stopped, kept over its reset |
+//! | [`lost`] | bytes of a UART that found no room |
 //! | [`pins`] | lamps and buttons |
 //! | [`i2c`] | a bus that a sensor holds |
 //! | `retained` | place where last words are kept, and their writers; on a board only |
@@ -36,6 +37,7 @@ pub mod failure;
 pub mod heartbeats;
 pub mod i2c;
 pub mod last_words;
+pub mod lost;
 pub mod memory;
 pub mod pins;
 #[cfg(all(target_os = "none", feature = "retained"))]

@@ -35,8 +35,27 @@ pub const fn layout(board: &Board) -> FlashLayout {
     }
 }
 
-/// The watchdog as the cause of a start.
-pub const WATCHDOG: &str = "watchdog";
+/// Cause of a start, as the chip tells it.
+pub struct Cause {
+    words: &'static str,
+    is_watchdog: bool,
+}
+
+impl Cause {
+    /// The watchdog.
+    pub const WATCHDOG: Self = Self {
+        words: "watchdog",
+        is_watchdog: true,
+    };
+
+    /// Another cause, in words.
+    pub const fn other(words: &'static str) -> Self {
+        Self {
+            words,
+            is_watchdog: false,
+        }
+    }
+}
 
 /// Logs why the board started, and the words from before that. Returns the node's configuration, the step sensor
 /// on a bus, if there is one, and the place where radio and camera report. Once.
@@ -44,15 +63,15 @@ pub const WATCHDOG: &str = "watchdog";
 /// # Errors
 /// There is no configuration: [`stop`].
 pub fn begin<F: ReadNorFlash, B: I2c>(
-    cause: &str,
+    cause: Cause,
     (flash, board): (&mut F, &Board),
     bus: B,
 ) -> Result<Begun<B>, PageError> {
     static NODE: StaticCell<(CheckedConfig, Liveness)> = StaticCell::new();
     let before = retained::take();
-    tell_start(cause, &before);
+    tell_start(cause.words, &before);
     let config = read_config(flash, board.regions.config.start)?;
-    let liveness = Liveness::new(before.reason(cause == WATCHDOG));
+    let liveness = Liveness::new(before.reason(cause.is_watchdog));
     let (config, liveness): &(CheckedConfig, Liveness) = NODE.init((config, liveness));
     // The sensor may know more of its settings than the check of configurations.
     let steps = InertialSteps::new(bus, EmbassyClock, config.sensor());

@@ -40,7 +40,7 @@ use super::{
 /// Prints what changes, on a terminal with the list of members below, until Ctrl-C; then the list.
 /// With something to do it ends when that is confirmed, unless --seconds or --until-calibrated is
 /// given too. Things are done in this order: --join-window, --remove, --change-key, --change-pan,
-/// --command.
+/// --stands, --command.
 #[derive(Args)]
 #[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
@@ -81,6 +81,10 @@ pub(super) struct Arguments {
     /// Take another PAN identifier, where another network has the same one.
     #[arg(long, help_heading = "Things to do")]
     change_pan: bool,
+    /// Tell a target whose step sensor fails where it stands: its number, and a place in the frame of --site. The
+    /// cameras look then; go to the next place when its lamp shows that it may walk on.
+    #[arg(long, value_name = "ID:X,Y", value_parser = place, requires = "site", help_heading = "Things to do")]
+    stands: Vec<(u16, [f64; 2])>,
     /// Have a camera do something: initialise, learn-colour, learn-background, track, stop-tracking,
     /// forget; `all:track` has every camera do it. Can be given several times.
     #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
@@ -93,6 +97,7 @@ Examples:
   host-sim console --port /dev/ttyACM0 --join-window 60 --seconds 60
   host-sim console --port /dev/ttyACM0 --port /dev/ttyACM1 --site building.toml
   host-sim console --port /dev/ttyACM0 --command 2:learn-colour
+  host-sim console --port /dev/ttyACM0 --site office.toml --stands 30:2.5,4.0
   host-sim console --port /dev/ttyACM0 --command all:track --seconds 600 --events walk.ndjson
   host-sim console --port /dev/ttyACM0 --join-window 0 --remove 3 --change-key new.sitekey
 
@@ -120,6 +125,18 @@ Exit codes:
 
 /// Time for which a quiet line is left alone.
 const POLL: Duration = Duration::from_millis(10);
+
+/// `30:2.5,4.0`
+fn place(text: &str) -> Result<(u16, [f64; 2]), String> {
+    let parse = || {
+        let (id, place) = text.split_once(':')?;
+        let (x, y) = place.split_once(',')?;
+        let [x, y] =
+            [x, y].map(|number| number.trim().parse().ok().filter(|x: &f64| x.is_finite()));
+        Some((id.parse().ok()?, [x?, y?]))
+    };
+    parse().ok_or_else(|| "a target and its place are needed, such as 30:2.5,4.0".to_owned())
+}
 
 /// `2:learn-colour`, `all:track`
 fn command(text: &str) -> Result<Wish, String> {
@@ -172,7 +189,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if arguments.change_pan && arguments.port.len() > 1 {
         bail!("--change-pan is for one network: give the --port of its coordinator alone");
     }
-    let wishes = wishes(arguments)?;
+    let wishes = wishes(arguments, site.as_ref())?;
     let listens = wishes.is_empty() || arguments.until_calibrated || arguments.seconds.is_some();
     let interrupted = interrupt::watch()?;
     let ports = (&arguments.port[..], arguments.baud);
@@ -224,7 +241,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     })
 }
 
-fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
+fn wishes(arguments: &Arguments, site: Option<&Scenario>) -> anyhow::Result<Vec<Wish>> {
     let mut wishes: Vec<_> = arguments
         .join_window
         .map(Wish::JoinWindow)
@@ -237,6 +254,15 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
         wishes.push(Wish::ChangeKey(key));
     }
     wishes.extend(arguments.change_pan.then_some(Wish::ChangePan));
+    for &(id, place) in &arguments.stands {
+        let network = site.and_then(|site| Some((site, site.network_of_target(id)?)));
+        let (site, network) =
+            network.with_context(|| format!("the site has no target {id}: look at --stands"))?;
+        let place = site.told_place(network, place.into()).context(
+            "places can be told only in a network whose reference cameras the site names, with `x` and `y`",
+        )?;
+        wishes.push(Wish::Stands(id, place));
+    }
     wishes.extend(&arguments.command);
     Ok(wishes)
 }

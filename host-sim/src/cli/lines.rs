@@ -79,8 +79,11 @@ impl Lines {
         interrupted: &Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
         let is_one = paths.len() == 1;
-        let concerns_all =
-            |wish: &Wish| is_one || !matches!(wish, Wish::Remove(_) | Wish::Command(..));
+        let concerns_all = |wish: &Wish| {
+            let is_of_a_node =
+                matches!(wish, Wish::Remove(_) | Wish::Command(..) | Wish::Stands(..));
+            is_one || !is_of_a_node
+        };
         let (everybodys, waiting): (Vec<_>, VecDeque<_>) =
             wishes
                 .into_iter()
@@ -172,7 +175,9 @@ impl Lines {
 
     /// Gives the next wish to the coordinator whose member it concerns.
     fn hand_out(&mut self, now: Duration) -> Result<(), Ended> {
-        let Some(&(Wish::Remove(id) | Wish::Command(id, _))) = self.waiting.front() else {
+        let Some(&(Wish::Remove(id) | Wish::Command(id, _) | Wish::Stands(id, _))) =
+            self.waiting.front()
+        else {
             return Ok(());
         };
         let are_done = self.all.iter().all(|line| line.session.is_done());

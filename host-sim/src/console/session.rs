@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, TrackedObject, encode},
-    message::{CameraCommand, CommandOutcome, MemberAddress},
+    message::{CameraCommand, CommandOutcome, MemberAddress, SitePlace, TargetLocation},
 };
 
 use results::{
@@ -39,7 +39,7 @@ const LISTING: Duration = Duration::from_secs(5);
 pub const MISSING: Duration = Duration::from_secs(10);
 
 /// Wish of a person.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wish {
     /// Let new devices join for so many seconds.
     JoinWindow(u16),
@@ -53,13 +53,15 @@ pub enum Wish {
     Command(u16, CameraCommand),
     /// Have every camera that is a member do something.
     Everybody(CameraCommand),
+    /// A target whose steps are not known stands here, in the frame of its network.
+    Stands(u16, SitePlace),
 }
 
 impl Wish {
     /// Longest time for an answer; for an answer that has begun, until its end.
     fn patience(&self, step: Step) -> Duration {
         Duration::from_secs(match self {
-            Self::JoinWindow(_) | Self::Remove(_) | Self::ChangePan => 10,
+            Self::JoinWindow(_) | Self::Remove(_) | Self::ChangePan | Self::Stands(..) => 10,
             // A camera adapts to the light for seconds, and may be asked again by radio.
             Self::Command(..) | Self::Everybody(_) => 60,
             // One member after the other, also those that cannot be reached.
@@ -104,6 +106,9 @@ pub enum Failure {
     /// Only cameras do commands.
     #[error("node {0} is no camera")]
     NoCamera(u16),
+    /// Only targets stand somewhere.
+    #[error("node {0} is no target")]
+    NoTarget(u16),
     /// No answer within the time.
     #[error("no confirmation came within {} s: {}", .0.as_secs(), .1)]
     Unconfirmed(Duration, &'static str),
@@ -361,6 +366,14 @@ impl Session {
                     }
                 }
             }
+            (
+                Wish::Stands(id, (position, _)),
+                ToPc::Stopped {
+                    address,
+                    place: Some((told, _)),
+                    ..
+                },
+            ) if self.known.id_of(address) == Some(id) && told == position => self.confirmed(),
             // Also told without a question, then without a change.
             (Wish::ChangePan, ToPc::Pan { changes, .. }) => match changes {
                 true => self.confirmed(),
@@ -521,6 +534,9 @@ impl Session {
                         "keep both keys; listen to hear when the new one is in use"
                     }
                     Wish::ChangePan => "type it again",
+                    Wish::Stands(..) => {
+                        "its step sensor works, or it cannot be reached: check that it is switched on"
+                    }
                     Wish::Command(..) | Wish::Everybody(_) => {
                         "check that the camera is switched on"
                     }
@@ -545,7 +561,7 @@ impl Session {
         }
         let address = match wish {
             Wish::Remove(id) => self.known.addresses(id).first().copied(),
-            Wish::Command(id, _) => self.known.addresses(id).last().copied(),
+            Wish::Command(id, _) | Wish::Stands(id, _) => self.known.addresses(id).last().copied(),
             Wish::JoinWindow(_) | Wish::ChangeKey(_) | Wish::ChangePan | Wish::Everybody(_) => {
                 Some(0)
             }
@@ -553,7 +569,9 @@ impl Session {
         let Some(address) = address else {
             self.step = Step::Looking(Some(since));
             return match wish {
-                Wish::Remove(id) | Wish::Command(id, _) if now.saturating_sub(since) >= MISSING => {
+                Wish::Remove(id) | Wish::Command(id, _) | Wish::Stands(id, _)
+                    if now.saturating_sub(since) >= MISSING =>
+                {
                     let members = self.known.present().iter().map(|m| m.id).collect();
                     Err(Failure::NoMember { id, members })
                 }
@@ -577,6 +595,14 @@ impl Session {
                     return Err(Failure::NoCamera(id));
                 }
                 FromPc::Command { address, command }
+            }
+            Wish::Stands(id, place) => {
+                let mut members = self.known.present().into_iter();
+                if !members.any(|member| member.id == id && !member.is_camera()) {
+                    return Err(Failure::NoTarget(id));
+                }
+                let located = TargetLocation::of_place(place);
+                FromPc::Located { address, located }
             }
         };
         self.step = Step::Sent(now);
@@ -889,6 +915,36 @@ mod tests {
         assert!(matches!(failure, Failure::Unconfirmed(..)), "{failure:?}");
         let mut session = listed(&[Wish::Command(4, CameraCommand::Forget)]);
         assert_eq!(session.poll(at(1_200)), Err(Failure::NoCamera(4)));
+    }
+
+    /// The target tells the stop; one at another place, or of another target, is no answer.
+    #[test]
+    fn a_told_place_is_confirmed_by_the_stop_there() {
+        let place = ([2.5, 4.0], [1e-4, 0.0, 1e-4]);
+        let stopped = |address, [x, y]: [f32; 2]| ToPc::Stopped {
+            address,
+            stop: 3,
+            place: Some(([x, y], [0.1, 0.0, 0.1])),
+        };
+        let mut session = listed(&[Wish::Stands(4, place)]);
+        let sent = FromPc::Located {
+            address: 2,
+            located: TargetLocation::of_place(place),
+        };
+        assert_eq!(session.poll(at(1_200)), Ok(Some(sent)));
+        let others = [stopped(2, [2.5, 4.5]), stopped(1, [2.5, 4.0])];
+        tell(&mut session, 1_300, &others);
+        assert!(!session.is_done());
+        tell(&mut session, 1_400, &[stopped(2, [2.5, 4.0])]);
+        assert!(session.is_done());
+
+        let mut session = listed(&[Wish::Stands(4, place)]);
+        session.poll(at(1_200)).unwrap();
+        session.poll(at(10_000)).unwrap();
+        let failure = session.poll(at(11_200)).unwrap_err();
+        assert!(failure.to_string().contains("its step sensor works"));
+        let mut session = listed(&[Wish::Stands(7, place)]);
+        assert_eq!(session.poll(at(1_200)), Err(Failure::NoTarget(7)));
     }
 
     /// Users are told in the words that they type.

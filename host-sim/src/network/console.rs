@@ -3,14 +3,15 @@
 use std::{
     cell::{Cell, Ref, RefCell},
     collections::{BTreeMap, VecDeque},
-    future::poll_fn,
+    future::{pending, poll_fn},
     io,
     rc::Rc,
     task::{Poll, Waker},
     time::Duration,
 };
 
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{Read, Write};
 use node_firmware::console::{FRAME_MAX, Frames, FromPc, ToPc, encode};
 use results::view::NetworkView;
@@ -43,6 +44,8 @@ struct Shared {
     expected: usize,
     complete: Rc<RollCall>,
     orders: RefCell<Option<Bytes>>,
+    /// Words of carriers for the coordinator.
+    said: Channel<NoopRawMutex, FromPc, 8>,
     journal: SharedJournal,
     /// Time at which each camera last told what it sees while it tracks.
     heard: RefCell<BTreeMap<u16, Duration>>,
@@ -118,6 +121,7 @@ impl Console {
             expected,
             complete: Rc::default(),
             orders: RefCell::default(),
+            said: Channel::new(),
             journal,
             heard: RefCell::default(),
             tracking: RefCell::default(),
@@ -147,6 +151,12 @@ impl Console {
         {
             orders.borrow_mut().extend(frame);
         }
+    }
+
+    /// A carrier has the person at the PC tell the coordinator something.
+    pub(super) fn say(&self, message: FromPc) {
+        // A carrier who is not heard says it again.
+        let _ = self.0.said.try_send(message);
     }
 
     /// From now on an onlooker may tell the coordinator something too.
@@ -183,12 +193,14 @@ impl Console {
         let mut typed = [0; 256];
         loop {
             terminal = terminal.or_else(|| self.0.terminal.take());
-            let came = match &mut terminal {
-                Some(terminal) => select(port.read(&mut bytes), terminal.read(&mut typed)).await,
-                None => Either::First(port.read(&mut bytes).await),
+            let types = async {
+                match &mut terminal {
+                    Some(terminal) => terminal.read(&mut typed).await,
+                    None => pending().await,
+                }
             };
-            match came {
-                Either::First(Ok(count @ 1..)) => {
+            match select3(port.read(&mut bytes), types, self.0.said.receive()).await {
+                Either3::First(Ok(count @ 1..)) => {
                     for &byte in &bytes[..count] {
                         if let Some(message) = frames.push(byte) {
                             self.take(&message);
@@ -199,11 +211,17 @@ impl Console {
                         let _ = terminal.write_all(&bytes[..count]).await;
                     }
                 }
-                Either::Second(Ok(count)) => {
+                Either3::Second(Ok(count)) => {
                     let _ = port.write_all(&typed[..count]).await;
                 }
-                Either::Second(Err(_)) => terminal = None,
-                Either::First(_) => break,
+                Either3::Second(Err(_)) => terminal = None,
+                Either3::Third(message) => {
+                    let mut buffer = [0; FRAME_MAX];
+                    if let Some(frame) = encode(&message, &mut buffer) {
+                        let _ = port.write_all(frame).await;
+                    }
+                }
+                Either3::First(_) => break,
             }
         }
     }

@@ -87,6 +87,10 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                     false => node.plug(),
                 },
             ),
+            Action::UnplugSensor { .. } => plan.during(
+                ["has its step sensor unplugged", "has its step sensor back"],
+                Node::unplug_sensor,
+            ),
             Action::StickCamera { .. } => plan.during(
                 ["has a camera that sticks", "has a camera that sees again"],
                 Node::stick_camera,

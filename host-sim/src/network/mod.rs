@@ -241,7 +241,8 @@ impl Simulation {
     fn put_up(&mut self, root: Root) -> Result<(), ScenarioError> {
         let key = SiteKey::new(KEY_INDEX, secret(root));
         let configs = site::configs(&self.scenario, key)?;
-        for (network, configs) in self.site.networks.iter().zip(configs) {
+        let file = Rc::new(self.scenario.clone());
+        for (number, (network, configs)) in self.site.networks.iter().zip(configs).enumerate() {
             let coordinator = Node::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();
             let clock = self.executor.clock();
@@ -253,7 +254,10 @@ impl Simulation {
             for (target, config) in network.targets.iter().zip(configs.targets) {
                 let node = Node::target(self, target, config, root);
                 let orders = self.further.orders_of(target.id);
-                let walk = walk::Walk::new(self, target, &node, console.roll_call(), orders, root);
+                let (told, table) = (file.clone(), number);
+                let told_as = move |place| told.told_place(told.networks.get(table)?, place);
+                let pc = (console.clone(), Box::new(told_as) as walk::ToldAs);
+                let walk = walk::Walk::new(self, target, &node, pc, orders, root);
                 self.executor.spawn(walk.run());
                 self.nodes.push(node);
             }

@@ -21,6 +21,7 @@ use node_firmware::{
     liveness::Liveness,
     message::{Health, Restart},
     run::run,
+    steps::{Chip, SensorError, SensorFault},
     vision::CameraKind,
 };
 use rand::{Rng, RngExt};
@@ -81,8 +82,8 @@ pub(super) struct Panel {
     pub(super) shown: Cell<Indication>,
     /// The lamps have changed.
     pub(super) changed: Signal<NoopRawMutex, ()>,
-    /// Steps on their way from the sensor.
-    pub(super) steps: Queue<NoopRawMutex, Step<f32>, STEPS>,
+    /// Steps on their way from the sensor; `None` where it was unplugged or put back.
+    pub(super) steps: Queue<NoopRawMutex, Option<Step<f32>>, STEPS>,
     /// The last button that was pressed and not noticed yet.
     pressed: Signal<NoopRawMutex, Button>,
 }
@@ -117,13 +118,29 @@ impl Indicator for Lamps {
 }
 
 /// The step sensor's end at the node.
-pub(super) struct Steps(Rc<Node>);
+pub(super) struct Steps {
+    node: Rc<Node>,
+    /// It was unplugged when it was asked last.
+    failed: bool,
+}
+
+/// Fault of a sensor that is unplugged.
+const UNPLUGGED: SensorError = Chip::Motion.is(SensorFault::Absent);
 
 impl StepSensor for Steps {
-    type Error = core::convert::Infallible;
-
-    async fn next(&mut self) -> Result<Step<f32>, Self::Error> {
-        Ok(self.0.panel.steps.receive().await)
+    async fn next(&mut self) -> Result<Option<Step<f32>>, SensorError> {
+        loop {
+            if self.node.has_no_sensor() {
+                self.failed = true;
+                return Err(UNPLUGGED);
+            }
+            if std::mem::take(&mut self.failed) {
+                return Ok(None);
+            }
+            if let Some(step) = self.node.panel.steps.receive().await {
+                return Ok(Some(step));
+            }
+        }
     }
 }
 
@@ -148,6 +165,8 @@ struct Adversity {
     /// Errors that its step sensor adds to distances (a share) and headings (radians), each for
     /// as long as it is in the list.
     slips: RefCell<Vec<[f64; 2]>>,
+    /// Number of times that its step sensor was unplugged and not put back yet.
+    sensor_pulls: Cell<usize>,
     /// Number of times that its carrier was told to rest and not to go on yet.
     rests: Cell<usize>,
     /// Times that its carrier stands without heeding the lamp, each for as long as it is in the list.
@@ -457,10 +476,27 @@ impl Node {
                 step.heading = calib_core::angle::wrap_positive(step.heading + *heading as f32);
             }
         }
-        (self.journal.borrow_mut()).stepped(self.config.id, &step, is_on);
-        if is_on {
-            let _ = self.panel.steps.try_send(step);
+        // The body under an emulated sensor moves in any case.
+        let is_felt = is_on && !self.has_no_sensor();
+        (self.journal.borrow_mut()).stepped(self.config.id, &step, is_felt);
+        if is_felt || is_on && self.is_emulated() {
+            let _ = self.panel.steps.try_send(Some(step));
         }
+    }
+
+    /// Its step sensor is unplugged.
+    pub(super) fn has_no_sensor(&self) -> bool {
+        self.adversity.sensor_pulls.get() > 0
+    }
+
+    /// Pulls the plug of its step sensor, or puts it back.
+    pub(super) fn unplug_sensor(&self, out: bool) {
+        count(&self.adversity.sensor_pulls, out);
+        match self.chip() {
+            Some(chip) => chip.unplug_sensor(self.has_no_sensor()),
+            None => drop(self.panel.steps.try_send(None)),
+        }
+        self.panel.changed.signal(());
     }
 
     /// Adds an error to its step sensor: a share to distances, and radians to headings; or takes it
@@ -715,7 +751,10 @@ impl Node {
                     link: 0..LINK,
                     facts: LINK..LINK + facts::BYTES,
                 },
-                steps: Steps(self.clone()),
+                steps: Steps {
+                    node: self.clone(),
+                    failed: false,
+                },
                 indicator: Lamps(self.clone()),
                 buttons: PushButtons(self.clone()),
                 observer: Witness {

@@ -11,7 +11,11 @@ use embassy_futures::select::{Either, select};
 use nalgebra::Point2;
 
 use super::{
-    SECOND, SharedWorld, Simulation, console::RollCall, journal::SharedJournal, node::Node,
+    SECOND, SharedWorld, Simulation, console::Console, journal::SharedJournal, node::Node,
+};
+use node_firmware::{
+    console::FromPc,
+    message::{SitePlace, TargetLocation},
 };
 use site::TargetNode;
 use site::world::{Event, StepSensor, Walker};
@@ -27,6 +31,9 @@ const SET_UP_LIMIT: Time = 120 * SECOND;
 /// Length of the moves in which a target's radio follows while it walks: much less than the reach of a
 /// radio, and often enough.
 const ANTENNA_MOVES: f64 = 1.0;
+
+/// Time after which a carrier tells its place once more where it was not heard, or learns of a fault.
+const SAID_AGAIN: Time = 2 * SECOND;
 
 /// Places to which a target is to go once it has walked its way.
 #[derive(Default)]
@@ -68,17 +75,27 @@ pub(super) struct Walk {
     node: Rc<Node>,
     medium: Medium,
     antenna_at: Point2<f64>,
-    roll_call: Rc<RollCall>,
+    /// The PC of its network.
+    console: Console,
     orders: Rc<Orders>,
     journal: SharedJournal,
+    /// The way in which places of the file are told to the target.
+    told_as: ToldAs,
+    /// The stop of which it told the place last, and the time.
+    told: Option<(usize, Time)>,
+    /// The lamp went out since it arrived.
+    was_dark: bool,
 }
+
+/// A place of the file in the frame of a network.
+pub(super) type ToldAs = Box<dyn Fn(Point2<f64>) -> Option<SitePlace>>;
 
 impl Walk {
     pub(super) fn new(
         simulation: &Simulation,
         target: &TargetNode,
         node: &Rc<Node>,
-        roll_call: Rc<RollCall>,
+        (console, told_as): (Console, ToldAs),
         orders: Rc<Orders>,
         root: Root,
     ) -> Self {
@@ -94,9 +111,12 @@ impl Walk {
             node: node.clone(),
             medium: simulation.medium.clone(),
             antenna_at: Point2::origin(),
-            roll_call,
+            console,
             orders,
             journal: simulation.journal.clone(),
+            told_as,
+            told: None,
+            was_dark: false,
         }
     }
 
@@ -113,13 +133,37 @@ impl Walk {
         }
     }
 
+    /// Has the PC told the stop where it stands, if the PC shows that the target's steps are not known. Returns when
+    /// to look again.
+    fn tell_place(&mut self, now: Time) -> Option<Time> {
+        let id = self.node.id();
+        let view = self.console.view();
+        let member = view.member(id);
+        let asks = member.filter(|target| target.health.steps.is_some());
+        let (stop, mark) = self.walker.standing_at().zip(self.walker.mark())?;
+        if asks.is_none() && !self.node.has_no_sensor() {
+            return None;
+        }
+        let is_due = |(told, at): (usize, Time)| told != stop || now >= at + SAID_AGAIN;
+        if let Some(target) = asks
+            && self.told.is_none_or(is_due)
+            && let Some(place) = (self.told_as)(mark)
+        {
+            let address = target.address;
+            self.told = Some((stop, now));
+            let located = TargetLocation::of_place(place);
+            self.console.say(FromPc::Located { address, located });
+        }
+        Some(now + SAID_AGAIN)
+    }
+
     pub(super) async fn run(mut self) {
         self.move_there();
         let place = self.walker.place();
         self.journal.borrow_mut().arrived(self.node.id(), place);
         // A target is switched on when all cameras have shown up on the coordinator's list.
         let limit = self.clock.sleep(SET_UP_LIMIT);
-        select(self.roll_call.completed(), limit).await;
+        select(self.console.roll_call().completed(), limit).await;
         self.node.switch_on();
         loop {
             self.walk().await;
@@ -143,12 +187,18 @@ impl Walk {
         loop {
             let now = self.clock.time();
             let lamp = self.node.panel.shown.get().may_walk;
+            self.was_dark |= !lamp;
+            // Without steps the target shows the lamp of its last stop until it is told of this one.
+            let lamp = lamp && (self.was_dark || !self.node.has_no_sensor());
             if self.walker.is_done() {
                 if lamp {
                     break;
                 }
-                let patience = self.clock.sleep(60 * SECOND);
-                if let Either::Second(()) = select(self.node.panel.changed.wait(), patience).await {
+                let asks_again = self.tell_place(now);
+                let patience = asks_again.unwrap_or(now + 60 * SECOND);
+                let patience = self.clock.sleep_until_time(patience);
+                let ended = select(self.node.panel.changed.wait(), patience).await;
+                if let (Either::Second(()), None) = (ended, asks_again) {
                     break;
                 }
                 continue;
@@ -163,13 +213,16 @@ impl Walk {
                     }
                     Event::Left { .. } => self.journal.borrow_mut().left(self.node.id()),
                     Event::Arrived { .. } => {
+                        self.was_dark = false;
                         let place = self.walker.place();
                         self.journal.borrow_mut().arrived(self.node.id(), place);
                     }
                 }
             }
             self.move_there();
-            match self.walker.next_at() {
+            let asks_again = self.tell_place(now);
+            let next = self.walker.next_at();
+            match next.into_iter().chain(asks_again).min() {
                 Some(at) => {
                     let next = self.clock.sleep_until_time(at);
                     select(self.node.panel.changed.wait(), next).await;

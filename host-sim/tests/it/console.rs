@@ -451,6 +451,16 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
         (&["--command", "2:dance"], "2:learn-colour"),
         (&["--command", "2:learn-colour="], "2:learn-colour"),
         (&["--join-window", "70000"], "65535"),
+        (
+            &["--site", "lab", "--stands", "20:1.5"],
+            "such as 30:2.5,4.0",
+        ),
+        (
+            &["--site", "lab", "--stands", "20:nan,1"],
+            "such as 30:2.5,4.0",
+        ),
+        (&["--stands", "20:1,2"], "--site"),
+        (&["--site", "lab", "--stands", "99:1,2"], "no target 99"),
         (&["--remove", "camera"], "invalid"),
         (&["--seconds", "0"], "above 0"),
         (&["--baud", "0"], "1.."),

@@ -8,7 +8,7 @@ use node_firmware::{
         Subjects, SurveySigma, TargetConfig,
     },
     limits::REFERENCE_STOPS,
-    message::{Duty, Reference},
+    message::{Duty, Reference, SitePlace},
     vision::{CameraKind, ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
@@ -381,6 +381,17 @@ impl Scenario {
                 .position_sigma
                 .map_or(self.of_metres(measured.position), |s| s as f32),
         }
+    }
+
+    /// A place of the building as people tell it to a target whose steps are not known: in the frame of its network,
+    /// as exact as places of references are measured. `None` if the file does not tell where that frame is.
+    pub fn told_place(&self, network: &NetworkTable, place: Point2<f64>) -> Option<SitePlace> {
+        let home = self.home_of(network).unwrap_or(network);
+        let frame = home.building_frame();
+        let place = frame.filter(|_| !home.references.elected)?.place(place);
+        let sigma = self.survey_sigma(home).position;
+        let position = [place.x as f32, place.y as f32];
+        Some((position, [sigma * sigma, 0.0, sigma * sigma]))
     }
 
     /// Knowledge that the target of a network has of it before it walks. `known` is what of the frame is told.

@@ -155,6 +155,10 @@ events! {
         for_s: f64, DURATION, Needed, "Duration.";
         with_power: bool = "yes", Flag, Is("true"), "The camera's power goes with it.";
     }
+    UnplugSensor "unplug-sensor", "The step sensor of a target is unplugged. Its carrier then tells each planned stop where it stands.", of Target: node, for for_s {
+        node: u16, NODE, Needed, "Number of the target.";
+        for_s: f64, DURATION, Needed, "Duration.";
+    }
     StickCamera "stick-camera", "A camera goes on reporting what it saw at that time.", of Camera: node, for for_s {
         node: u16, NODE, Needed, "Number of the camera.";
         for_s: f64, DURATION, Needed, "Duration.";

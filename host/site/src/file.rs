@@ -593,6 +593,12 @@ impl Scenario {
         self.visitors(network).iter().chain(&network.targets)
     }
 
+    /// The network of the target with this number.
+    pub fn network_of_target(&self, id: u16) -> Option<&NetworkTable> {
+        let mut networks = self.networks.iter();
+        networks.find(|network| network.targets.iter().any(|target| target.id == id))
+    }
+
     /// A network's frame in the building, be it brought from another network.
     pub fn building_frame(&self, network: &NetworkTable) -> Option<crate::Frame> {
         self.home_of(network).unwrap_or(network).building_frame()

@@ -2,7 +2,6 @@
 
 use std::{
     cell::{Cell, RefCell},
-    convert::Infallible,
     future::{Future, pending},
     pin::Pin,
     rc::Rc,
@@ -18,6 +17,7 @@ use node_firmware::{
     liveness::Liveness,
     message::{Message, Restart, Sight},
     run::{Devices, run},
+    steps::SensorError,
 };
 use rand_chacha::ChaCha8Rng;
 use virtual_hardware::{
@@ -80,10 +80,8 @@ const STEPS: usize = 16;
 pub struct Steps(Rc<Channel<NoopRawMutex, Step<f32>, STEPS>>);
 
 impl StepSensor for Steps {
-    type Error = Infallible;
-
-    async fn next(&mut self) -> Result<Step<f32>, Infallible> {
-        Ok(self.0.receive().await)
+    async fn next(&mut self) -> Result<Option<Step<f32>>, SensorError> {
+        Ok(Some(self.0.receive().await))
     }
 }
 

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::steps::SensorError;
+
 /// Health of a node: told to the coordinator, and by it to the PC. The default is a healthy node, of which
 /// nothing is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -13,6 +15,8 @@ pub struct Health {
     pub camera: Eye,
     /// Reason of its last start.
     pub restart: Restart,
+    /// A target: fault of its step sensor. As long as there is one, people tell it the places where it stands.
+    pub steps: Option<SensorError>,
 }
 
 /// Memory of a node's facts.

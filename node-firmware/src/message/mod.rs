@@ -820,6 +820,17 @@ impl References {
 }
 
 impl TargetLocation {
+    /// A place, as a person tells it. Of the target's steps it says nothing.
+    pub const fn of_place((position, covariance): SitePlace) -> Self {
+        Self {
+            stop: 0,
+            position,
+            covariance,
+            frame_heading: 0.0,
+            frame_heading_sigma: 0.0,
+        }
+    }
+
     /// Returns true if the numbers are finite and the sigma is not below zero.
     pub fn is_usable(&self) -> bool {
         let angles = [self.frame_heading, self.frame_heading_sigma];

@@ -1,6 +1,6 @@
 //! A camera role and its camera.
 
-use core::{convert::Infallible, pin::pin};
+use core::{convert::Infallible, pin::pin, time::Duration};
 
 use calib_core::camera::Camera;
 use embassy_futures::select::{Either, Either3, select, select3};
@@ -31,6 +31,11 @@ const PAUSE_MAX_US: u64 = 32_000_000;
 
 /// Start-ups in a row that fail before no target waits for the camera any more.
 const FAILURES: u8 = 2;
+
+/// Looks that are taken again where bytes of the line were lost, and the time before each: more may be lost of the
+/// picture that is being sent.
+const LOST: u8 = 3;
+const PICTURE: Duration = Duration::from_millis(60);
 
 /// Reason why the camera starts.
 #[derive(Clone, Copy)]
@@ -210,7 +215,17 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         let Some(subject) = self.subjects.of_target(colour) else {
             return Some((Sight::NotInView, None));
         };
-        let looked = match look(&mut self.camera, subject, judge).await {
+        let mut lost = 0..LOST;
+        let looked = loop {
+            match look(&mut self.camera, subject, judge).await {
+                // A picture is lost, and the target stands there for more of them.
+                Err(error) if error.is_passing() && lost.next().is_some() => {
+                    self.clock.sleep_until(self.clock.now() + PICTURE).await;
+                }
+                looked => break looked,
+            }
+        };
+        let looked = match looked {
             Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
             Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
@@ -289,6 +304,10 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     warning!("the camera does not track: {}", error);
                     if error.wants_start_up() {
                         return Err(error);
+                    }
+                    if error.is_passing() {
+                        // It is begun again.
+                        break Some(CameraTask::Command(command));
                     }
                     events.send(done(command, CommandOutcome::Failed)).await;
                     break None;

@@ -3,7 +3,7 @@
 use core::{convert::Infallible, pin::pin, time::Duration};
 
 use embassy_futures::select::{Either, Either3, select, select3};
-use embedded_io_async::{Read, Write};
+use embedded_io_async::{Error, ErrorKind, Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
@@ -95,7 +95,8 @@ async fn line<U: Read + Write>(
                     }
                 }
             }
-            Either::Second(Err(_)) => is_open = false,
+            // Lost bytes are a message that the checksum refuses, and the PC repeats.
+            Either::Second(Err(error)) => is_open = error.kind() == ErrorKind::Interrupted,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A target and its step sensor.
 
-use core::{convert::Infallible, pin::pin};
+use core::{convert::Infallible, pin::pin, time::Duration};
 
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use embassy_futures::select::{Either3, select3};
@@ -15,7 +15,6 @@ use crate::{
     config::TargetConfig,
     hardware::{Hardware, StepSensor},
     limits::{ESTIMATED_STOPS, WALK_BEARINGS},
-    log::warning,
     message::StopNumber,
     network::Network,
     role::moving_target::{
@@ -24,7 +23,7 @@ use crate::{
 };
 
 /// After a failure of the sensor.
-const PAUSE_US: u64 = 1_000_000;
+const PAUSE: Duration = Duration::from_secs(1);
 
 pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     (id, first_stop): (u16, StopNumber),
@@ -70,15 +69,14 @@ async fn sense<C: Clock, S: StepSensor>(
     events: Events<'_, TargetEvent>,
 ) -> Infallible {
     loop {
-        match steps.next().await {
-            Ok(step) => events.send(TargetEvent::Step(step)).await,
-            Err(_) => {
-                warning!("the step sensor failed: the target is lost");
-                events.send(TargetEvent::SensorFailed).await;
-                let now = clock.now().0;
-                let then = zigbee_link::Instant(now.saturating_add(PAUSE_US));
-                clock.sleep_until(then).await;
-            }
+        let event = match steps.next().await {
+            Ok(Some(step)) => TargetEvent::Step(step),
+            Ok(None) => TargetEvent::Sensor(None),
+            Err(fault) => TargetEvent::Sensor(Some(fault)),
+        };
+        events.send(event).await;
+        if let TargetEvent::Sensor(Some(_)) = event {
+            clock.sleep_until(clock.now() + PAUSE).await;
         }
     }
 }

@@ -118,6 +118,11 @@ impl Scale {
         self.weighing = Weighing::default();
     }
 
+    /// Returns true if gravity was measured, and fits.
+    pub(super) const fn is_weighed(&self) -> bool {
+        self.weighing.count == WEIGHED
+    }
+
     /// An acceleration in this scale. None where this showed that the chip has another one: from now on it
     /// has that.
     pub(super) fn apply(
@@ -125,7 +130,7 @@ impl Scale {
         acceleration: Vector3<f32>,
     ) -> Result<Option<Vector3<f32>>, SensorError> {
         let scaled = acceleration * self.factor;
-        if self.weighing.count == WEIGHED {
+        if self.is_weighed() {
             return Ok(Some(scaled));
         }
         self.weighing.sum += scaled.norm();

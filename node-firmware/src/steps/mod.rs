@@ -52,7 +52,8 @@ use crate::{
 
 /// The step sensor: [`Pedestrian`] fed from chips on an I2C bus.
 ///
-/// A transfer that fails is repeated some times. A chip that fails is reported once by [`StepSensor::next`]; the next call sets both up anew.
+/// A transfer that fails is repeated some times. A chip that fails is reported once by [`StepSensor::next`]; the next
+/// call sets both up anew. They count as working again when both have measured for two seconds what they should.
 /// A call that is dropped loses the samples of one read of six words at most. These are three, or
 /// four if the read begins in the middle of one; less than a step. Up to three that are missing in a
 /// row are counted by the chip's two-bit numbers, so that no time is lost. Of more, as after a second
@@ -88,10 +89,13 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
         })
     }
 
-    /// The next action before there can be a step; or a step.
+    /// The next action before there can be news; or a step, or that the chips work again.
     // Apart from the future of a whole node, in which it would be larger.
     #[inline(never)] // for less flash
-    fn advance(&mut self) -> Result<Result<Step<f32>, Want>, SensorError> {
+    fn advance(&mut self) -> Result<Result<Option<Step<f32>>, Want>, SensorError> {
+        if self.session.has_recovered() {
+            return Ok(Ok(None));
+        }
         while let Some(sample) = self.session.sample()? {
             let reading = ImuSample {
                 acceleration: sample.acceleration,
@@ -102,7 +106,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
             match self.person.update(time, &reading) {
                 Ok(Some(step)) => {
                     debug!("a step of {} towards {} rad", step.distance, step.heading);
-                    return Ok(Ok(step));
+                    return Ok(Ok(Some(step)));
                 }
                 Ok(None) => {}
                 // A chip's measurement is usable, and a later sample is later.
@@ -112,7 +116,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
         Ok(Err(self.session.want(self.clock.now())))
     }
 
-    async fn step(&mut self) -> Result<Step<f32>, SensorError> {
+    async fn step(&mut self) -> Result<Option<Step<f32>>, SensorError> {
         loop {
             let request = match self.advance()? {
                 Ok(step) => return Ok(step),
@@ -147,9 +151,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
 }
 
 impl<I: I2c, C: Clock> StepSensor for InertialSteps<I, C> {
-    type Error = SensorError;
-
-    async fn next(&mut self) -> Result<Step<f32>, SensorError> {
+    async fn next(&mut self) -> Result<Option<Step<f32>>, SensorError> {
         let step = self.step().await;
         if let Err(error) = &step {
             warning!("{}", error);

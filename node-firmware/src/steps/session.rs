@@ -199,6 +199,8 @@ pub(super) struct Session {
 struct Running {
     period_us: u64,
     next: Next,
+    /// It has failed, and nothing shows yet that it works again.
+    is_doubted: bool,
     /// Words that are still in the FIFO.
     waiting: u16,
     /// Words in the buffer that were not yet taken from it.
@@ -250,9 +252,22 @@ impl Session {
     pub(super) fn begin_anew(&mut self) {
         self.done = 0;
         self.wait_until = None;
-        self.running = Running::default();
+        self.running = Running {
+            is_doubted: true,
+            ..Running::default()
+        };
         self.scale.weigh();
         self.time_us = self.time_us.saturating_add(GAP_US);
+    }
+
+    /// Returns true once after a failure, when both chips measure what they should again: as long as gravity is
+    /// weighed, a chip that is silent, stuck or in a wrong scale is noticed.
+    pub(super) const fn has_recovered(&mut self) -> bool {
+        let recovers = self.running.is_doubted && self.scale.is_weighed();
+        if recovers {
+            self.running.is_doubted = false;
+        }
+        recovers
     }
 
     /// Notes a failed transfer. Returns true if it is to be repeated. Words of the FIFO that were to be read wait there,
@@ -317,7 +332,8 @@ impl Session {
             What::Identity => {
                 self.done += 1;
                 if first != request.chip.identity() {
-                    return Err(request.chip.is(SensorFault::Identity { found: first }));
+                    debug!("another chip: identity {}", first);
+                    return Err(request.chip.is(SensorFault::Identity));
                 }
             }
             What::Frequency => {

@@ -48,6 +48,11 @@ pub enum VisionError {
 }
 
 impl VisionError {
+    /// Returns true if bytes of the line were lost, and the next ones are whole again.
+    pub const fn is_passing(self) -> bool {
+        matches!(self, Self::Line(ErrorKind::Interrupted))
+    }
+
     /// Returns true if [`BlobCamera::start_up`](super::BlobCamera::start_up) may cure it.
     pub const fn wants_start_up(self) -> bool {
         matches!(

@@ -32,7 +32,7 @@ use rand_chacha::ChaCha8Rng;
 use support::{
     bus::{Air, AnyStation, Faults, Station},
     site::{camera_config, target_config},
-    target::target_role,
+    target::{BROKEN, WORKS, target_role},
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -398,8 +398,10 @@ proptest! {
             Box::new(|_, _| None),
         );
         live(station, &mut any, |any| {
-            if any.below(8) == 0 {
-                return moving_target::TargetEvent::SensorFailed;
+            match any.below(16) {
+                0 => return BROKEN,
+                1 => return WORKS,
+                _ => {}
             }
             moving_target::TargetEvent::Step(Step {
                 distance: any.number().abs(),

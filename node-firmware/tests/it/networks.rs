@@ -141,10 +141,9 @@ fn nobody_is_elected_where_poses_are_known() {
     for camera in &mut net.cameras[2..] {
         camera.is_off = false;
     }
-    net.target.event(
-        net.now,
-        node_firmware::role::moving_target::TargetEvent::SensorFailed,
-    );
+    for event in [support::target::BROKEN, support::target::WORKS] {
+        net.target.event(net.now, event);
+    }
     net.run_for(SECOND);
     net.walk_to(18);
     let appointed = |fact: &Fact| matches!(fact, Fact::References(Some(_)));

@@ -22,7 +22,7 @@ use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Sent, Station},
     net::{Net, SECOND, TARGET, error, from_to, nees, refining, same, with_references},
     site::{CAMERAS, camera_config, noise, target_config},
-    target::target_role,
+    target::{BROKEN, WORKS, target_role},
 };
 use zigbee_link::{Instant, wire::ShortAddress};
 
@@ -257,10 +257,10 @@ fn a_lost_target_is_found() {
     net.walk_to(5);
     let before = net.stops;
     for _ in 0..5 {
-        net.target
-            .event(net.now, moving_target::TargetEvent::SensorFailed);
+        net.target.event(net.now, BROKEN);
         net.run_for(SECOND);
     }
+    net.target.event(net.now, WORKS);
     net.walk();
     assert_eq!(net.stops, before + 1);
     assert!(net.target.role.indication().calibrated);
@@ -277,13 +277,11 @@ fn a_broken_sensor_does_not_wear_the_flash() {
     for camera in &mut net.cameras {
         camera.is_off = true;
     }
-    net.target
-        .event(net.now, moving_target::TargetEvent::SensorFailed);
+    net.target.event(net.now, BROKEN);
     net.run_for(70 * SECOND);
     let written = net.target.facts.len();
     for _ in 0..100 {
-        net.target
-            .event(net.now, moving_target::TargetEvent::SensorFailed);
+        net.target.event(net.now, BROKEN);
         net.run_for(SECOND);
     }
     assert_eq!(net.target.facts.len(), written);
@@ -297,8 +295,7 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
     for _ in 0..2 {
         let before = (net.target.facts.len(), net.air.sent.len());
         for _ in 0..100 {
-            net.target
-                .event(net.now, moving_target::TargetEvent::SensorFailed);
+            net.target.event(net.now, BROKEN);
             net.run_for(SECOND);
         }
         assert!(!net.target.role.position().1);
@@ -308,7 +305,7 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
         assert_eq!(told.count(), 1);
         let written = net.target.facts.len() - before.0;
         assert!(written < 10, "{written}");
-        // It works again.
+        net.target.event(net.now, WORKS);
         net.walk();
         assert!(net.target.role.position().1);
         net.check_target(0.2);
@@ -320,8 +317,8 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
 fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     let mut net = Net::new(PERFECT, 8, with_references);
     net.walk_to(5);
-    net.target
-        .event(net.now, moving_target::TargetEvent::SensorFailed);
+    net.target.event(net.now, BROKEN);
+    net.target.event(net.now, WORKS);
     let step = Step {
         distance: 1.0,
         heading: 0.0,
@@ -345,7 +342,8 @@ fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     net.run_for(10_000);
     for event in [
         moving_target::TargetEvent::Step(step),
-        moving_target::TargetEvent::SensorFailed,
+        BROKEN,
+        WORKS,
         moving_target::TargetEvent::Step(step),
     ] {
         net.target.event(net.now, event);

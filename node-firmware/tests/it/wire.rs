@@ -20,6 +20,7 @@ use node_firmware::{
         Message, Mount, PoseParts, ProtectionLevel, Reference, References, Report, Restart, Seen,
         Sight, StopAnswer, StopBearing, Stopped, TargetLocation, Tracked, TrackedBlob,
     },
+    steps::{Chip, SensorFault},
     vision::BackgroundShare,
 };
 use proptest::prelude::*;
@@ -343,30 +344,41 @@ fn golden() -> Vec<(Message, String)> {
 }
 
 /// One of each kind.
-fn healths() -> [(Health, &'static str); 5] {
+fn healths() -> [(Health, &'static str); 8] {
     let health = |memory, camera, restart| Health {
         memory,
         camera,
         restart,
+        steps: None,
+    };
+    let steps = |fault| Health {
+        steps: Some(fault),
+        ..Health::default()
     };
     [
+        (steps(Chip::Motion.is(SensorFault::Absent)), "0000000101"),
+        (steps(Chip::Motion.is(SensorFault::Scale)), "0000000107"),
+        (steps(Chip::Compass.is(SensorFault::Overrun)), "0000000119"),
         (
             health(Memory::Flash, Eye::Sees, Restart::Ordinary),
-            "000000",
+            "00000000",
         ),
         (
             health(Memory::Ram, Eye::Blind, Restart::RadioDeaf),
-            "010101",
+            "01010100",
         ),
         (
             health(Memory::Ram, Eye::Failed, Restart::RadioStuck),
-            "010202",
+            "01020200",
         ),
         (
             health(Memory::Flash, Eye::Sees, Restart::CameraStuck),
-            "000003",
+            "00000300",
         ),
-        (health(Memory::Flash, Eye::Sees, Restart::Program), "000004"),
+        (
+            health(Memory::Flash, Eye::Sees, Restart::Program),
+            "00000400",
+        ),
     ]
 }
 
@@ -378,6 +390,30 @@ fn messages_are_these_bytes() {
         assert_eq!(hex(&encoded), bytes, "{message:?}");
         assert_eq!(postcard::from_bytes(&encoded), Ok(message));
     }
+}
+
+/// A byte that is no fault of a step sensor is refused, and the record of a run has words.
+#[test]
+fn faults_of_the_step_sensor() {
+    for code in 0..=u8::MAX {
+        let number = code & 0x0F;
+        let is_one = code < 0x20 && (1..=9).contains(&number);
+        let health = postcard::from_bytes::<Health>(&[0, 0, 0, 1, code]);
+        assert_eq!(health.is_ok(), is_one, "{code}");
+        if let Ok(health) = health {
+            let fault = health.steps.unwrap();
+            assert_eq!(fault.chip().is(fault.fault()), fault);
+            let text = serde_json::to_string(&health).unwrap();
+            assert_eq!(serde_json::from_str::<Health>(&text).unwrap(), health);
+        }
+    }
+    let fault = Chip::Compass.is(SensorFault::Silent);
+    let text = serde_json::to_string(&fault).unwrap();
+    assert_eq!(text, r#"{"chip":"compass","fault":"silent"}"#);
+    assert_eq!(
+        fault.to_string(),
+        "the step sensor's LIS3MDL (compass) has stopped: check its supply"
+    );
 }
 
 /// postcard without its own allocation, as the link does it.
@@ -529,7 +565,7 @@ fn what_the_pc_is_told_is_these_bytes() {
 #[test]
 fn what_the_pc_wants_is_these_bytes() {
     let key = SiteKey::new(2, core::array::from_fn(|i| i as u8 + 1));
-    let wants: [(FromPc, &[u8]); 7] = [
+    let wants: [(FromPc, &[u8]); 8] = [
         (FromPc::Refresh, &[0]),
         (FromPc::JoinWindow(300), &[1, 0xAC, 2]),
         (
@@ -546,6 +582,16 @@ fn what_the_pc_wants_is_these_bytes() {
             &[5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16],
         ),
         (FromPc::ChangePan, &[6]),
+        (
+            FromPc::Located {
+                address: 3,
+                located: TargetLocation::of_place(([1.0, -2.0], [0.25, 0.0, 0.5])),
+            },
+            &[
+                7, 3, 0, 0, 0, 0x80, 0x3F, 0, 0, 0, 0xC0, 0, 0, 0x80, 0x3E, 0, 0, 0, 0, 0, 0, 0,
+                0x3F, 0, 0, 0, 0, 0, 0, 0, 0,
+            ],
+        ),
     ];
     for (wish, bytes) in wants {
         assert_eq!(postcard::to_allocvec_like(&wish), bytes);
@@ -787,7 +833,7 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Sightings", 1),
     ("Sighting", 35),
     ("Confirmed", 77),
-    ("Health", 4),
+    ("Health", 6),
 ];
 
 #[test]

@@ -41,6 +41,53 @@ fn a_camera_is_unplugged_for_a_while() {
     }
 }
 
+/// The step sensor is unplugged for good, from the start or on the way: the carrier tells the marked places, and all
+/// cameras get their poses. The target says what is the matter with it.
+#[test]
+fn a_target_whose_steps_are_not_known_is_told_its_places() {
+    let calm = run(yard());
+    let errors = |record: &RunRecord| -> Vec<f64> {
+        let all = record.targets[0].stops.iter();
+        let told = all.filter_map(|stop| Some((stop, stop.believed.as_ref()?)));
+        told.map(|(stop, told)| (told.x - stop.x).hypot(told.y - stop.y))
+            .collect()
+    };
+    let stops = errors(&calm).len();
+    let moments = moments(&calm);
+    for at in [0.0, moments[moments.len() / 2]] {
+        let unplug = Action::UnplugSensor {
+            node: TARGET,
+            for_s: 1e6,
+        };
+        let record = run(with(yard(), at, unplug));
+        assert_all_calibrated(&record, &format!("unplugged at {at}"));
+        let words = Verdict::of(&record).to_string();
+        let named = format!("target {TARGET}: the step sensor's LSM6DSOX");
+        assert!(words.contains(&named), "{words}");
+        assert!(words.contains("console --stands"), "{words}");
+        // No place is left out, and none of them is false.
+        let off = errors(&record);
+        assert!(off.len() >= stops, "{at}: {off:?}");
+        assert!(off.iter().all(|off| *off < 0.3), "{at}: {off:?}");
+    }
+}
+
+/// It comes back: from then on the target finds its place by the cameras, and nothing is the matter with it any more.
+#[test]
+fn a_step_sensor_is_unplugged_for_a_while() {
+    for at in moments(&run(yard())).iter().step_by(3) {
+        let unplug = Action::UnplugSensor {
+            node: TARGET,
+            for_s: 20.0,
+        };
+        let record = run(with(yard(), *at, unplug));
+        assert_all_calibrated(&record, &format!("unplugged at {at}"));
+        let is_over = at + 20.0 < record.sim_seconds;
+        let fault = node(&record, TARGET).health.steps;
+        assert_eq!(fault.is_none(), is_over, "{at}: {fault:?}");
+    }
+}
+
 #[test]
 fn a_part_of_the_network_is_not_heard_for_a_while() {
     for apart in [vec![3, 4], vec![1], vec![TARGET], vec![0]] {

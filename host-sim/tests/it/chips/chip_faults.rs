@@ -188,6 +188,10 @@ at_s = 18.0
 action = { slip = { node = 20, for_s = 1.0, distance = 0.1 } }
 
 [[event]]
+at_s = 18.5
+action = { unplug-sensor = { node = 20, for_s = 3.0 } }
+
+[[event]]
 at_s = 19.0
 action = { rest = { node = 20, for_s = 1.0 } }
 
@@ -243,6 +247,8 @@ fn whatever_a_scenario_has_go_wrong_does() {
         "has a camera with other faults",
         "has its camera moved",
         "slips",
+        "has its step sensor unplugged",
+        "has its step sensor back",
         "has a carrier who rests",
         "has a carrier who does not heed the lamp",
         "has its button pressed",
@@ -255,7 +261,7 @@ fn whatever_a_scenario_has_go_wrong_does() {
             "{words}"
         );
     }
-    assert_eq!(events, 17);
+    assert_eq!(events, 18);
     // A node that assesses a jammed channel finds it busy, and does not send.
     let sent = sent(&pcap);
     let within = |from: f64, to: f64| sent.iter().filter(|at| (from..to).contains(*at)).count();
@@ -266,6 +272,8 @@ fn whatever_a_scenario_has_go_wrong_does() {
     );
     // A node with worn flash works from RAM, and says so.
     assert!(log.contains("memory: Ram"), "{log}");
+    // A target without its step sensor names it.
+    assert!(log.contains("fault: Absent"), "{log}");
     assert!(record.nodes.iter().all(|node| node.failures.is_empty()));
 }
 

@@ -23,6 +23,7 @@ use node_firmware::{
     liveness::Liveness,
     message::Restart,
     run::run,
+    steps::SensorError,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -161,9 +162,7 @@ impl Buttons for Panel {
 pub(crate) struct NoSteps;
 
 impl StepSensor for NoSteps {
-    type Error = Infallible;
-
-    async fn next(&mut self) -> Result<Step<f32>, Infallible> {
+    async fn next(&mut self) -> Result<Option<Step<f32>>, SensorError> {
         pending().await
     }
 }

@@ -161,6 +161,11 @@ impl Walker {
         matches!(self.state, State::Standing { .. }).then_some(self.stop)
     }
 
+    /// The stop at which it stands, a little off it.
+    pub fn mark(&self) -> Option<Point2<f64>> {
+        self.stops.get(self.standing_at()?).copied()
+    }
+
     /// Returns true if it stands at its last stop, for good.
     pub fn is_done(&self) -> bool {
         self.standing_at().is_some() && self.stop + 1 >= self.stops.len()

@@ -906,6 +906,7 @@ fn what_is_the_matter_with_it_is_told_again_when_it_is_asked() {
         memory: Memory::Ram,
         camera: Eye::Sees,
         restart: Restart::RadioDeaf,
+        steps: None,
     };
     for now in [4, 6] {
         let told = told(&mut camera, now);

@@ -95,7 +95,7 @@ pub enum CoordinatorTask {
 }
 
 /// Events from the surroundings of the coordinator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinatorEvent {
     /// The PC wants something.
@@ -171,6 +171,7 @@ impl CoordinatorRole {
                 memory: Memory::Flash,
                 camera: Eye::Sees,
                 restart: Restart::Ordinary,
+                steps: None,
             },
         }
     }

@@ -101,6 +101,11 @@ impl CoordinatorRole {
             FromPc::ChangeKey(key) => self.tasks.change_key(key),
             // If it is full, the PC hears nothing of it, and asks again.
             FromPc::ChangePan => drop(self.tasks.queue.push_back(CoordinatorTask::ChangePan)),
+            FromPc::Located { address, located } => {
+                // If it is full, the PC does not hear of the stop, and tells it again.
+                let to = ShortAddress(address);
+                let _ = (self.outbox).push(now, to, Message::Located(located), None);
+            }
         }
     }
 

@@ -10,6 +10,9 @@
 //! the scale of its steps, so the cameras there calibrate in the same frame. It drops the cameras of the
 //! network it left, and their measurements.
 //!
+//! Where its step sensor fails, it is nowhere, until a person tells it a place where it stands. It tells that as a
+//! stop, like any other, and goes on so from place to place until its steps are known again.
+//!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
 
@@ -47,6 +50,7 @@ use crate::{
         Restart, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     network::Attachment,
+    steps::SensorError,
 };
 
 /// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
@@ -114,8 +118,8 @@ pub enum TargetTask {
 pub enum TargetEvent {
     /// Its carrier made a step.
     Step(Step<f32>),
-    /// The step sensor failed: from now on the place of the target is not known.
-    SensorFailed,
+    /// The step sensor has this fault, or works again. From then on the place of the target is not known.
+    Sensor(Option<SensorError>),
 }
 
 /// A target's state.
@@ -127,8 +131,6 @@ pub struct TargetRole<'m> {
     last_network: LastNetwork,
     track: Track<f32>,
     located: bool,
-    /// No step came since the sensor failed: even if the target is found, it may be elsewhere by then.
-    sensor_failed: bool,
     /// Direction of the sensor's x axis in the frame of the site, and its sigma.
     frame_heading: Option<(f32, f32)>,
     /// Two places told it, and no third one has agreed yet.
@@ -201,7 +203,6 @@ impl<'m> TargetRole<'m> {
             last_network: LastNetwork::new(),
             track,
             located: false,
-            sensor_failed: false,
             frame_heading: None,
             is_heading_provisional: false,
             stop: first_stop,
@@ -461,6 +462,24 @@ impl<'m> TargetRole<'m> {
         }
     }
 
+    /// State of the step sensor. Steps may have been missed where it is another one.
+    fn on_sensor(&mut self, now: Instant, steps: Option<SensorError>) {
+        let before = core::mem::replace(&mut self.health.steps, steps);
+        if before == steps {
+            return;
+        }
+        self.notifications.notify(TargetNotification::Health, now);
+        // A sensor that goes on failing makes no new stops.
+        if before.is_some() != steps.is_some() {
+            self.lose(now);
+        }
+    }
+
+    /// Its sensor fails: even if the target is found, it may be elsewhere by then.
+    const fn has_no_steps(&self) -> bool {
+        self.health.steps.is_some()
+    }
+
     /// A message that has to be told, as it is known now, and its receiver.
     fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
@@ -625,6 +644,7 @@ impl Role for TargetRole<'_> {
                 }
                 self.find_references();
             }
+            Message::Located(told) if from == COORDINATOR => self.on_placed(now, told),
             // No other node has solved anything.
             Message::Located(located) if self.table.may_be_first(from.0) => {
                 self.on_located(now, located);
@@ -666,16 +686,10 @@ impl Role for TargetRole<'_> {
 
     fn on_event(&mut self, now: Instant, event: TargetEvent) {
         match event {
-            TargetEvent::Step(step) => {
-                self.sensor_failed = false;
-                self.on_step(now, &step);
-            }
-            // A sensor that goes on failing makes no new stops.
-            TargetEvent::SensorFailed if self.sensor_failed => {}
-            TargetEvent::SensorFailed => {
-                self.sensor_failed = true;
-                self.lose(now);
-            }
+            // They are no steps of a person, or not all.
+            TargetEvent::Step(_) if self.has_no_steps() => {}
+            TargetEvent::Step(step) => self.on_step(now, &step),
+            TargetEvent::Sensor(fault) => self.on_sensor(now, fault),
         }
     }
 

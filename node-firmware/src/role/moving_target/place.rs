@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use calib_core::{
     Status, angle,
-    dead_reckoning::{Place, Step, Systematic, Track},
+    dead_reckoning::{Place, Step, Systematic, Track, TrackError},
     fit::Fit,
     intersection,
 };
@@ -64,6 +64,29 @@ impl TargetRole<'_> {
 
     /// The place is not known any more: the sensor failed, or the target was carried unawares.
     pub(super) fn lose(&mut self, now: Instant) {
+        let stands = matches!(self.state, State::Standing(_));
+        let lost = self.jump(Point2::origin(), Matrix2::zeros());
+        debug_assert_eq!(lost, Ok(()), "the sigmas of a configuration are usable");
+        if stands {
+            self.stand(now);
+        }
+    }
+
+    /// A person tells the place where it stands, for its sensor does not tell the way there. Told again, it is the
+    /// same stop.
+    pub(super) fn on_placed(&mut self, now: Instant, told: &TargetLocation) {
+        let place = Point2::from(told.position);
+        let is_there = self.located && self.track.position() == place;
+        if self.has_no_steps() && !is_there && self.jump(place, matrix(told.covariance)).is_ok() {
+            self.located = true;
+            self.stand(now);
+        }
+    }
+
+    /// It is somewhere else, and the way there is not known.
+    fn jump(&mut self, position: Point2<f32>, covariance: Matrix2<f32>) -> Result<(), TrackError> {
+        let own_frame = systematic(&self.config, 0.0);
+        self.track.relocate(position, covariance, own_frame)?;
         self.located = false;
         self.has_arrived = false;
         self.found = None;
@@ -72,16 +95,9 @@ impl TargetRole<'_> {
         if let Some(estimate) = &mut self.estimate {
             estimate.lose_way();
         }
-        let own_frame = systematic(&self.config, 0.0);
-        let lost = self
-            .track
-            .relocate(Point2::origin(), Matrix2::zeros(), own_frame);
-        debug_assert_eq!(lost, Ok(()), "the sigmas of a configuration are usable");
         self.at_stop = self.track;
         self.stood.clear();
-        if matches!(self.state, State::Standing(_)) {
-            self.stand(now);
-        }
+        Ok(())
     }
 
     /// The target was found at this point of its track. It may have walked on since.
@@ -127,7 +143,7 @@ impl TargetRole<'_> {
 
     /// The first reference camera solved, and tells where this target stood.
     pub(super) fn on_located(&mut self, now: Instant, located: &TargetLocation) {
-        if !located.is_usable() || self.located || self.sensor_failed {
+        if !located.is_usable() || self.located || self.has_no_steps() {
             return;
         }
         let heading = (located.frame_heading, located.frame_heading_sigma);
@@ -239,7 +255,7 @@ impl TargetRole<'_> {
         let knows_way = { self.estimate.as_ref() }.is_some_and(Estimate::knows_way);
         if estimated.stop != self.stop
             || !knows_way
-            || self.sensor_failed
+            || self.has_no_steps()
             || stands
             || !is_length(estimated.scale.0)
         {
@@ -266,7 +282,11 @@ impl TargetRole<'_> {
         let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
         let is_of_use =
             bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());
-        if self.located || self.sensor_failed || !is_mine || bearing.stop != self.stop || !is_of_use
+        if self.located
+            || self.has_no_steps()
+            || !is_mine
+            || bearing.stop != self.stop
+            || !is_of_use
         {
             return;
         }

@@ -7,6 +7,7 @@ use crate::network::NetworkIdentity;
 use crate::{
     config::{LensSigma, SensorConfig, SurveySigma},
     message::{CameraState, PoseParts, Report, Seen, StopAnswer, TargetLocation},
+    steps::{Chip, SensorFault},
 };
 
 const OWN: f32 = 2.0 / 180.0 * core::f32::consts::PI;
@@ -407,6 +408,95 @@ fn step(target: &mut TargetRole<'_>, now: Instant) {
         heading_sigma: 0.0,
     };
     target.on_event(now, TargetEvent::Step(step));
+}
+
+/// Its step sensor fails: it is at the places that a person tells, each of them a stop. Nothing else says where it is.
+#[test]
+fn a_target_without_steps_is_where_people_say() {
+    let mut target = standing();
+    let place = |x, y| {
+        let place = ([x, y], [0.01, 0.0, 0.04]);
+        Message::Located(TargetLocation::of_place(place))
+    };
+    let variances = [0.01, 0.04].map(|variance| variance + STANDING * STANDING);
+    let stops = |told: &[Output<TargetNotification, TargetTask>]| {
+        let told = told.iter().filter_map(|output| match output {
+            Output::Send {
+                to: ShortAddress::BROADCAST,
+                message: Message::Stopped(stopped),
+                ..
+            } => Some((stopped.stop, stopped.told().is_some())),
+            _ => None,
+        });
+        told.collect::<std::vec::Vec<_>>()
+    };
+    let health = |told: &[Output<TargetNotification, TargetTask>]| {
+        told.iter().find_map(|output| match output {
+            Output::Send {
+                to: COORDINATOR,
+                message: Message::Health(health),
+                ..
+            } => Some(*health),
+            _ => None,
+        })
+    };
+    // As long as its steps are known they are believed.
+    let stop = target.stop;
+    target.on_message(at(3), COORDINATOR, &place(4.0, 3.0));
+    assert_eq!((target.stop, target.position().1), (stop, false));
+
+    let steps = Some(Chip::Motion.is(SensorFault::Silent));
+    target.on_event(at(4), TargetEvent::Sensor(steps));
+    let told = outputs(&mut target, at(4));
+    assert_eq!(health(&told).map(|health| health.steps), Some(steps));
+    assert_eq!(stops(&told), [(stop + 1, false)]);
+
+    target.on_message(at(5), ShortAddress(CAMERA), &place(4.0, 3.0));
+    assert!(!target.position().1, "only a person knows");
+    for now in [6, 7] {
+        target.on_message(at(now), COORDINATOR, &place(4.0, 3.0));
+        check(&target, [4.0, 3.0], variances);
+        let told = outputs(&mut target, at(now));
+        let told = stops(&told);
+        // Told again, it is the same.
+        assert_eq!(told, [(stop + 2, true)][..told.len()], "{now}");
+        assert_eq!(told.is_empty(), now == 7);
+        step(&mut target, at(now));
+    }
+    reply(&mut target, at(8), Sight::InView);
+    let now = may_walk_at(&mut target, at(8));
+    target.on_message(now, COORDINATOR, &place(6.0, 3.0));
+    assert!(!target.indication().may_walk, "the cameras have to look");
+    assert_eq!(stops(&outputs(&mut target, now)), [(stop + 3, true)]);
+    check(&target, [6.0, 3.0], variances);
+
+    // Steps may have been missed.
+    target.on_event(now, TargetEvent::Sensor(None));
+    let told = outputs(&mut target, now);
+    assert_eq!(health(&told), Some(Health::default()));
+    assert_eq!(stops(&told), [(stop + 4, false)]);
+}
+
+/// A place that is none, and an uncertainty that is none, change nothing.
+#[test]
+fn a_place_that_is_none_is_not_believed() {
+    let mut target = standing();
+    let steps = Some(Chip::Compass.is(SensorFault::Bus));
+    target.on_event(at(4), TargetEvent::Sensor(steps));
+    let stop = target.stop;
+    for place in [
+        ([f32::MAX, f32::MAX], [0.0; 3]),
+        ([1.0, 1.0], [-1.0, 0.0, 1.0]),
+        ([1.0, 1.0], [1.0, 2.0, 1.0]),
+    ] {
+        let told = Message::Located(TargetLocation::of_place(place));
+        target.on_message(at(5), COORDINATOR, &told);
+        assert_eq!(
+            (target.stop, target.position().1),
+            (stop, false),
+            "{place:?}"
+        );
+    }
 }
 
 /// Only a camera that sees it may tell its place.

@@ -73,10 +73,10 @@ pub(crate) struct Bench {
     is_cut: Cell<bool>,
 }
 
-/// A step, or a failure, and its time.
+/// A step, a failure or its end, and its time.
 pub(crate) type Happened = (
     f64,
-    Result<calib_core::dead_reckoning::Step<f32>, SensorError>,
+    Result<Option<calib_core::dead_reckoning::Step<f32>>, SensorError>,
 );
 
 impl Bench {

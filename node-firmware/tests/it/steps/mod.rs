@@ -59,7 +59,14 @@ fn bench(walker: Walker) -> Rc<Bench> {
 }
 
 fn steps(happened: &[Happened]) -> Vec<Step<f32>> {
-    happened.iter().map(|(_, step)| step.unwrap()).collect()
+    let steps = happened.iter().filter_map(|(_, step)| step.unwrap());
+    steps.collect()
+}
+
+/// Times at which the sensor told that it works again.
+fn recoveries(happened: &[Happened]) -> Vec<f64> {
+    let ended = happened.iter().filter(|(_, step)| *step == Ok(None));
+    ended.map(|(at, _)| *at).collect()
 }
 
 fn sum(steps: &[Step<f32>]) -> Vector2<f64> {
@@ -186,12 +193,12 @@ fn a_sensor_that_is_not_there_is_reported_until_it_is() {
         (
             |b, bad| b.motion.borrow_mut().identity = if bad { 0x69 } else { 0x6C },
             Chip::Motion,
-            SensorFault::Identity { found: 0x69 },
+            SensorFault::Identity,
         ),
         (
             |b, bad| b.compass.borrow_mut().identity = if bad { 0 } else { 0x3D },
             Chip::Compass,
-            SensorFault::Identity { found: 0 },
+            SensorFault::Identity,
         ),
     ];
     for (change, chip, fault) in cases {
@@ -199,14 +206,16 @@ fn a_sensor_that_is_not_there_is_reported_until_it_is() {
         let mut sensor = bench.sensor(&USUAL);
         change(&bench, true);
         let happened = bench.until(&mut sensor, 2.5);
-        assert_eq!(failures(&happened), vec![SensorError { chip, fault }; 3]);
+        assert_eq!(failures(&happened), vec![chip.is(fault); 3]);
         change(&bench, false);
         let happened = bench.until(&mut sensor, f64::MAX);
         assert_eq!(steps(&happened).len(), 20, "{chip:?} {fault:?}");
+        assert_eq!(recoveries(&happened).len(), 1, "{chip:?} {fault:?}");
     }
 }
 
-/// A fault at 12 s of a long walk is reported once, soon, and then it goes on.
+/// A fault at 12 s of a long walk is reported once, soon, and then it goes on. It is over when the chips have measured
+/// for two seconds.
 #[test]
 fn what_fails_under_way_is_set_up_anew() {
     type Change = fn(&Bench);
@@ -269,9 +278,9 @@ fn what_fails_under_way_is_set_up_anew() {
             failed.extend(bench.until(&mut sensor, end));
         }
         let found = failed.last().and_then(|last| last.1.err());
-        assert_eq!(found.map(|found| found.fault), Some(fault), "{name}");
+        assert_eq!(found.map(SensorError::fault), Some(fault), "{name}");
         // The bus fails both.
-        let is_blamed = found.is_some_and(|found| found.chip == chip);
+        let is_blamed = found.is_some_and(|found| found.chip() == chip);
         assert!(is_blamed || fault == SensorFault::Bus, "{name}: {found:?}");
         let noticed = failed.last().unwrap().0 - 1.0;
         assert!(
@@ -280,6 +289,13 @@ fn what_fails_under_way_is_set_up_anew() {
         );
         heal(&bench);
         let after = bench.until(&mut sensor, f64::MAX);
+        let recovered = recoveries(&after);
+        let [over] = recovered[..] else {
+            panic!("{name}: {recovered:?}");
+        };
+        // It was set up anew when the failure was told.
+        let lasts = over - failed.last().unwrap().0;
+        assert!((2.0..3.0).contains(&lasts), "{name}: {lasts}");
         // The step for which it was late does not come out once more.
         let left = (person(9, &straight(80)).time - 3.0 - end) * 1.5;
         let after = steps(&after).len();
@@ -312,7 +328,7 @@ fn transfers_that_fail_are_repeated() {
     let bench = walk();
     bench.faults.borrow_mut().refused = Some((4, 100));
     let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
-    let absent = |failure: &SensorError| failure.fault == SensorFault::Absent;
+    let absent = |failure: &SensorError| failure.fault() == SensorFault::Absent;
     assert!(failures(&happened).iter().all(absent) && !failures(&happened).is_empty());
 }
 
@@ -362,13 +378,11 @@ fn a_scale_that_is_none_is_named() {
         }
         let bench = bench(walker);
         let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
-        let error = SensorError {
-            chip: Chip::Motion,
-            fault: SensorFault::Scale,
-        };
+        let error = Chip::Motion.is(SensorFault::Scale);
         let failures = failures(&happened);
         assert_eq!(!failures.is_empty(), is_named, "{unit}: {failures:?}");
         assert!(failures.iter().all(|failure| *failure == error), "{unit}");
+        assert_eq!(recoveries(&happened), [0.0; 0], "{unit}");
     }
 }
 
@@ -405,12 +419,10 @@ fn a_range_that_changes_is_named() {
     let before = steps(&bench.until(&mut sensor, 12.0)).len();
     bench.motion.borrow_mut().write(0x10, 0x34);
     let after = bench.until(&mut sensor, f64::MAX);
-    let changed = SensorError {
-        chip: Chip::Motion,
-        fault: SensorFault::Changed,
-    };
+    let changed = Chip::Motion.is(SensorFault::Changed);
     assert_eq!(failures(&after), [changed]);
-    let after = after.iter().filter(|(_, step)| step.is_ok()).count();
+    let is_step = |step: &Happened| matches!(step.1, Ok(Some(_)));
+    let after = after.into_iter().filter(is_step).count();
     assert!(before + after > 74, "{before} and {after}");
 }
 

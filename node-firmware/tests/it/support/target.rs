@@ -4,8 +4,15 @@ use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use node_firmware::{
     config::TargetConfig,
     limits::{ESTIMATED_STOPS, WALK_BEARINGS},
-    role::moving_target::{CAMERAS, EstimateMemory, TargetRole, WORKSPACE},
+    role::moving_target::{CAMERAS, EstimateMemory, TargetEvent, TargetRole, WORKSPACE},
+    steps::{Chip, SensorFault},
 };
+
+/// Its step sensor fails.
+pub const BROKEN: TargetEvent = TargetEvent::Sensor(Some(Chip::Compass.is(SensorFault::Absent)));
+
+/// Its step sensor works again.
+pub const WORKS: TargetEvent = TargetEvent::Sensor(None);
 
 /// A target with memory that the test keeps to its end.
 pub fn target_role(id: u16, config: TargetConfig, first_stop: u16) -> TargetRole<'static> {

@@ -19,6 +19,7 @@ use node_firmware::{
         coordinator::{self, CoordinatorRole},
         moving_target::{self, TargetRole},
     },
+    steps::{Chip, SensorFault},
     vision::Lens,
 };
 use zigbee_link::{Instant, link::MESSAGE_MAX, wire::ShortAddress};
@@ -134,7 +135,9 @@ fn number(bytes: &[u8]) -> Option<(f32, &[u8])> {
 
 fn step(bytes: &[u8]) -> Option<moving_target::TargetEvent> {
     let Some((distance, rest)) = number(bytes) else {
-        return Some(moving_target::TargetEvent::SensorFailed);
+        let fault = Chip::Compass.is(SensorFault::Silent);
+        let failed = bytes.is_empty();
+        return Some(moving_target::TargetEvent::Sensor(failed.then_some(fault)));
     };
     let (heading, rest) = number(rest)?;
     let (distance_sigma, rest) = number(rest)?;

@@ -207,6 +207,7 @@ pub(super) fn names(scenario: &Scenario) -> impl Iterator<Item = &'static str> {
         Action::Partition { .. } => "partition",
         Action::Loss { .. } => "loss for a while",
         Action::UnplugCamera { .. } => "unplugged",
+        Action::UnplugSensor { .. } => "unplugged step sensor",
         Action::StickCamera { node, .. } if is_reference(scenario, node) => "stuck reference",
         Action::StickCamera { .. } => "stuck camera",
         Action::Daylight { .. } => "daylight",

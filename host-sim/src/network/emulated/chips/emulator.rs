@@ -13,7 +13,7 @@ use std::{
 use defmt_decoder::{DecodeError, Encoding, Table};
 use nrf52840_emulator::{
     self as emulator, Input, Network, Node, Outcome, Time,
-    device::{self, Samples, World},
+    device::{self, NOT_ACKNOWLEDGED, Samples, World},
     peripheral::{self, Arrival, Wire},
 };
 
@@ -40,7 +40,28 @@ struct Chip {
     /// Time on its clocks, and the motions that its step sensor feels by them.
     time: Time,
     world: Arc<Samples>,
+    has_no_sensor: Arc<AtomicBool>,
     is_worn: bool,
+}
+
+/// A chip of a step sensor, which may be taken off its bus.
+#[derive(Debug)]
+struct Pluggable {
+    chip: Box<dyn device::Chip>,
+    is_out: Arc<AtomicBool>,
+}
+
+impl device::Chip for Pluggable {
+    fn write(&mut self, bytes: &[u8], now: u64) -> Result<(), &'static str> {
+        match self.is_out.load(Ordering::Relaxed) {
+            true => Err(NOT_ACKNOWLEDGED),
+            false => self.chip.write(bytes, now),
+        }
+    }
+
+    fn read(&mut self, into: &mut [u8], now: u64) {
+        self.chip.read(into, now);
+    }
 }
 
 /// All chips of a simulation.
@@ -90,6 +111,15 @@ impl Chips {
                 chip.world = Arc::default();
                 let world: Arc<dyn World> = chip.world.clone();
                 let sensor = has_sensor.then(|| device::step_sensor(&world, seed));
+                let chips = sensor.unwrap_or_default().into_iter();
+                let chips = chips.map(|(address, inner)| {
+                    let is_out = chip.has_no_sensor.clone();
+                    let chip: Box<dyn device::Chip> = Box::new(Pluggable {
+                        chip: inner,
+                        is_out,
+                    });
+                    (address, chip)
+                });
                 let mut flash = chip.flash.clone();
                 for (address, bytes) in programmed {
                     program(&mut flash, address, &bytes);
@@ -113,7 +143,7 @@ impl Chips {
                     debugger,
                     end: debugged.map(|(.., end)| end.clone()),
                     peer: Some(Box::new(Wire::default())),
-                    chips: sensor.unwrap_or_default(),
+                    chips: chips.collect(),
                     seed,
                     drift_ppb,
                     ..Node::default()
@@ -198,6 +228,10 @@ impl Chips {
                     chip.is_worn = true;
                 }
                 self.network.input(index, Input::WearOut);
+            }
+            Order::UnplugSensor(out) => {
+                let chip = self.all.entry(number).or_default();
+                chip.has_no_sensor.store(out, Ordering::Relaxed);
             }
             Order::Moves(motions) => {
                 if let Some(chip) = self.all.get(&number) {

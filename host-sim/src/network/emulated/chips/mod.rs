@@ -628,7 +628,10 @@ impl Board {
                     }
                 }
                 Either4::Third(indication) => panel.show(indication),
-                Either4::Fourth(step) => self.moves(|carrier| carrier.step(clock.time(), &step)),
+                Either4::Fourth(Some(step)) => {
+                    self.moves(|carrier| carrier.step(clock.time(), &step));
+                }
+                Either4::Fourth(None) => {}
             }
         }
     }
@@ -681,6 +684,11 @@ impl Board {
     /// Its flash keeps its present contents from now on.
     pub(in crate::network) fn wear_out(&self) {
         self.queue.push(self.number(), Order::WearOut);
+    }
+
+    /// Takes its step sensor off its bus, or puts it back.
+    pub(in crate::network) fn unplug_sensor(&self, out: bool) {
+        self.queue.push(self.number(), Order::UnplugSensor(out));
     }
 
     /// Jams these channels until a time, where it has power.

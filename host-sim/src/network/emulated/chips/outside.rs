@@ -87,6 +87,8 @@ pub enum Order {
     StandInWrite,
     /// Its step sensor moves so, in the order of times, none of which has passed.
     Moves(Vec<Motion>),
+    /// Its step sensor is off its bus, or back.
+    UnplugSensor(bool),
     /// Something else than frames is on a channel, or on all, until then.
     Jammed {
         /// Time at which it is over.
@@ -119,6 +121,7 @@ impl Order {
             Self::CutOff(_)
             | Self::StandInWrite
             | Self::Moves(_)
+            | Self::UnplugSensor(_)
             | Self::Jammed { .. }
             | Self::WearOut => u64::MAX,
             Self::On { .. } | Self::Off | Self::Rot(_) => 0,

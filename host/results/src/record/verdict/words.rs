@@ -57,7 +57,15 @@ pub fn health_words(health: &Health) -> String {
         Restart::CameraStuck => Some("it restarted by itself: the driver of its camera stuck"),
         Restart::Program => Some("it restarted by itself: its program broke or stood still"),
     };
-    let all: Vec<&str> = [memory, camera, restart].into_iter().flatten().collect();
+    let steps = health.steps.map(|fault| {
+        format!(
+            "{fault}; until it works again, stop at marked places and tell each one (`host-sim console --stands ID:X,Y`)"
+        )
+    });
+    let all: Vec<&str> = [memory, camera, restart, steps.as_deref()]
+        .into_iter()
+        .flatten()
+        .collect();
     match all.is_empty() {
         true => "well".to_owned(),
         false => all.join("; "),
