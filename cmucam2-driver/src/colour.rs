@@ -88,6 +88,16 @@ impl LevelRange {
         }
     }
 
+    /// So many levels more at both ends, or fewer if negative. An end beyond which no pixel has a level stays.
+    #[must_use]
+    pub fn widened(self, by: i16) -> Self {
+        let moved = |level: u8, by: i16| match level {
+            ..=LEVEL_MIN | LEVEL_MAX.. => level,
+            _ => (i16::from(level) + by).clamp(LEVEL_MIN.into(), LEVEL_MAX.into()) as u8,
+        };
+        Self::new(moved(self.min, -by), moved(self.max, by)).unwrap_or(self)
+    }
+
     /// The lowest level that counts.
     pub const fn min(self) -> u8 {
         self.min
@@ -145,6 +155,16 @@ impl ColourBounds {
         }
     }
 
+    /// Each channel [widened](LevelRange::widened).
+    #[must_use]
+    pub fn widened(self, by: i16) -> Self {
+        Self {
+            red: self.red.widened(by),
+            green: self.green.widened(by),
+            blue: self.blue.widened(by),
+        }
+    }
+
     /// `[Rmin, Rmax, Gmin, Gmax, Bmin, Bmax]`.
     pub const fn values(self) -> [u8; 6] {
         [
@@ -194,5 +214,11 @@ mod tests {
             30,
         );
         assert_eq!(bounds.values(), [200, 240, 70, 130, 16, 30]);
+        assert_eq!(bounds.widened(16).values(), [184, 240, 54, 146, 16, 46]);
+        assert_eq!(bounds.widened(-8).values(), [208, 240, 78, 122, 16, 22]);
+        // Nothing would be left.
+        let narrow = LevelRange::new(100, 110).unwrap();
+        assert_eq!(narrow.widened(-6), narrow);
+        assert_eq!(LevelRange::new(0, 255).unwrap().widened(16).min(), 0);
     }
 }

@@ -91,7 +91,7 @@ impl View {
 
     /// The blob of a packet, if there is one.
     pub fn blob(&self, tracking: &Tracking) -> Option<Blob> {
-        Blob::from_tracking(tracking, Grid::pixels(self.first))
+        Blob::from_tracking(tracking, Grid::pixels(self.first, u16::MAX))
     }
 
     /// The direction of what one packet shows, as that of one that stood still. `None` also where it is cut

@@ -29,7 +29,7 @@ settings! {
         /// A lower bound above its upper one is 0 refused, 1 accepted and nothing is tracked
         inverted_bounds = 1, up to 1;
         /// TW sends an S packet first: 0 no, 1 yes
-        window_mean = 1, up to 1;
+        window_mean = 0, up to 1;
         /// GH sends 0 one packet, 1 a stream
         histogram_stream = 0, up to 1;
         /// HC numbers of bins: 0 selects 28, 14 or 7 bins, 1 is the number itself

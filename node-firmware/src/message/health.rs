@@ -39,6 +39,17 @@ pub enum Eye {
     Blind,
     /// It does not start, or its picture does not change.
     Failed,
+    /// What it saw of the target last was hidden in part, twice.
+    Hidden,
+    /// What it saw of the target last was not alone, twice: something else has its colour, or only a part of it has.
+    Several,
+}
+
+impl Eye {
+    /// Returns true if the camera does its work, whatever is before it.
+    pub const fn works(self) -> bool {
+        !matches!(self, Self::Blind | Self::Failed)
+    }
 }
 
 /// Reason why a node started.

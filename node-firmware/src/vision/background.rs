@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 const HOPELESS: u16 = 10;
 
 /// Least share of its box that an object fills, 256 times the share. A ball fills 201.
-const COMPACT: u8 = 160;
+pub(super) const COMPACT: u8 = 160;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -108,6 +108,16 @@ pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
     })
 }
 
+/// The view without its [`surroundings`].
+pub fn middle(frame: Size, first: u8) -> Option<Window> {
+    let side = |length: u8| {
+        let from = (length / 8).saturating_add(first);
+        (from, (length - length / 8 - 1).saturating_add(first))
+    };
+    let ((x, x2), (y, y2)) = (side(frame.width), side(frame.height));
+    Window::new(x, y, x2, y2).ok()
+}
+
 /// Pixels of [`surroundings`].
 pub fn surrounding_pixels(frame: Size) -> u32 {
     let inner = |side: u8| u32::from(side - side / 8 * 2);
@@ -151,6 +161,10 @@ mod tests {
                     }
                 }
                 assert_eq!(count, surrounding_pixels(frame));
+                let [x1, y1, x2, y2] = middle(frame, first).unwrap().corners();
+                let inner = u32::from(x2 - x1 + 1) * u32::from(y2 - y1 + 1);
+                assert_eq!(count + inner, area(frame));
+                assert_eq!(within(x1, y1) + within(x2, y2), 0);
                 assert_eq!(within(width / 2, height / 2), 0);
             }
         }

@@ -14,15 +14,18 @@ pub struct Grid {
     pub cell_width: f32,
     /// Height of a unit, rows.
     pub cell_height: f32,
+    /// Rows of the frame.
+    pub rows: u16,
 }
 
 impl Grid {
-    /// Units are columns and rows.
-    pub const fn pixels(first: u8) -> Self {
+    /// Units are columns and rows of a frame of so many rows.
+    pub const fn pixels(first: u8, rows: u16) -> Self {
         Self {
             first,
             cell_width: 1.0,
             cell_height: 1.0,
+            rows,
         }
     }
 
@@ -33,6 +36,7 @@ impl Grid {
             first,
             cell_width: f32::from(columns) / blocks,
             cell_height: f32::from(rows) / blocks,
+            rows,
         }
     }
 }
@@ -61,6 +65,8 @@ pub struct Blob {
     pub confidence: u8,
     /// Width of the unit in which its columns are known: 1, or that of a block.
     pub cell_width: f32,
+    /// It reaches the upper or lower border of the frame.
+    pub is_cut: bool,
     /// As the camera told it.
     pub told: TrackedBlob,
 }
@@ -76,15 +82,20 @@ impl Blob {
         let edge = |unit: u8, width: f32| (f32::from(unit) - first) * width - 0.5;
         let far = |unit: u8, width: f32| edge(unit, width) + width;
         let middle = |unit: u8, width: f32| edge(unit, width) + width * 0.5;
+        let (top, bottom) = (
+            edge(found.y1, grid.cell_height),
+            far(found.y2, grid.cell_height),
+        );
         Some(Self {
             left: edge(found.x1, grid.cell_width),
             right: far(found.x2, grid.cell_width),
-            top: edge(found.y1, grid.cell_height),
-            bottom: far(found.y2, grid.cell_height),
+            top,
+            bottom,
             centroid: [middle(x, grid.cell_width), middle(y, grid.cell_height)],
             pixels,
             confidence,
             cell_width: grid.cell_width,
+            is_cut: is_cut([top, bottom], grid.rows),
             told: TrackedBlob {
                 middle: [x, y].map(u16::from),
                 edges: [found.x1, found.y1, found.x2, found.y2].map(u16::from),
@@ -109,6 +120,11 @@ impl Blob {
     }
 }
 
+/// Returns true if these edges reach the upper or lower border of a frame of so many rows.
+pub(super) fn is_cut([top, bottom]: [f32; 2], rows: u16) -> bool {
+    !(top > 0.0 && bottom < f32::from(rows) - 2.5)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,7 +134,7 @@ mod tests {
     /// Counted from 1: column 21 of a packet is column 20, whose left edge is at 19.5.
     #[test]
     fn edges_are_half_a_column_outside() {
-        let blob = Blob::from_tracking(&SEEN, Grid::pixels(1)).unwrap();
+        let blob = Blob::from_tracking(&SEEN, Grid::pixels(1, 143)).unwrap();
         assert_eq!(
             (blob.left, blob.right, blob.top, blob.bottom),
             (19.5, 27.5, 39.5, 59.5)
@@ -126,11 +142,14 @@ mod tests {
         assert_eq!((blob.middle(), blob.centroid), (23.5, [22.0, 49.0]));
         assert_eq!(blob.told.middle, [23, 50]);
         assert_eq!(blob.told.edges, [21, 41, 28, 60]);
-        let from_0 = Blob::from_tracking(&SEEN, Grid::pixels(0)).unwrap();
+        let from_0 = Blob::from_tracking(&SEEN, Grid::pixels(0, 143)).unwrap();
         assert_eq!(from_0.left, 20.5);
-        assert_eq!(Blob::from_tracking(&Tracking::LOST, Grid::pixels(1)), None);
+        assert_eq!(
+            Blob::from_tracking(&Tracking::LOST, Grid::pixels(1, 143)),
+            None
+        );
         let masked = SEEN.masked(3, None, None);
-        assert_eq!(Blob::from_tracking(&masked, Grid::pixels(1)), None);
+        assert_eq!(Blob::from_tracking(&masked, Grid::pixels(1, 143)), None);
     }
 
     /// All blocks together are the whole frame, and two neighbours share an edge.
@@ -161,8 +180,13 @@ mod tests {
             (70, 88, true),
         ] {
             let packet = Tracking::new([x1, 70, x1, 60, x2, 80, 10, 200]);
-            let blob = Blob::from_tracking(&packet, Grid::pixels(1)).unwrap();
+            let blob = Blob::from_tracking(&packet, Grid::pixels(1, 143)).unwrap();
             assert_eq!(blob.is_clipped(88), clipped, "{x1}..{x2}");
+        }
+        for (y1, y2, cut) in [(1, 90, true), (2, 140, false), (60, 141, true)] {
+            let packet = Tracking::new([40, 70, 35, y1, 45, y2, 10, 200]);
+            let blob = Blob::from_tracking(&packet, Grid::pixels(1, 143)).unwrap();
+            assert_eq!(blob.is_cut, cut, "{y1}..{y2}");
         }
     }
 }

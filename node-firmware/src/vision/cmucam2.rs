@@ -26,15 +26,16 @@ use cmucam2_driver::{
     Cmucam2, Command, Error,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
     device::{Clock, SummedDelays},
-    geometry::{Sensor, Size},
+    geometry::{Sensor, Size, Window},
+    packet::Tracking,
     session::{Fault, Learn, StartUp},
 };
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
 use super::{
-    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, LearntColour, Subject, VisionError,
-    background,
+    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, Learning, LearntColour, Subject,
+    VisionError, background,
 };
 use crate::log::warning;
 
@@ -47,6 +48,9 @@ const HIGH_RESOLUTION: u16 = 175;
 
 /// Number of rows that are as much as a column, at either resolution of either sensor.
 pub const ROWS_PER_COLUMN: f32 = 2.0;
+
+/// Bounds that hold an object, and the share of the background that has them.
+type Held = Result<(ColourBounds, BackgroundShare), VisionError>;
 
 /// Settings of a CMUcam2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,8 +80,8 @@ impl Cmucam2Settings {
 pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
     camera: Cmucam2<U, D, K>,
     settings: Cmucam2Settings,
-    /// Rows of a frame.
-    rows: u16,
+    /// Its frame, once it was started up.
+    frame: Size,
     /// All is set.
     ready: bool,
     /// It has a background.
@@ -93,7 +97,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         Self {
             camera,
             settings,
-            rows: 0,
+            frame: Size::LARGEST,
             ready: false,
             background: false,
             subject: None,
@@ -143,10 +147,12 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
 
     /// Meaning of the packets for the subject that was begun.
     fn grid(&self, subject: Subject) -> Grid {
-        let first = self.settings.first_column;
+        let (first, rows) = (self.settings.first_column, self.frame.height.into());
         match subject {
-            Subject::Colour(_) | Subject::Signature(_) | Subject::Tag(_) => Grid::pixels(first),
-            Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, self.rows),
+            Subject::Colour(_) | Subject::Signature(_) | Subject::Tag(_) => {
+                Grid::pixels(first, rows)
+            }
+            Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, rows),
         }
     }
 
@@ -179,39 +185,44 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         self.camera.set(Command::PollMode(true)).run().await
     }
 
-    /// Share of the background that has a colour, while the object is in the middle of the view.
-    async fn background_share(
-        &mut self,
-        bounds: ColourBounds,
-    ) -> Result<BackgroundShare, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let mut outer = background::surroundings(frame, self.settings.first_column)
-            .into_iter()
-            .flatten();
-        self.camera.track_colour(bounds).run().await?;
-        let (mut window, mut count) = (None, 0);
-        loop {
+    /// Bounds that hold the whole object in the middle of the view, and the share of the background that has them.
+    async fn hold(&mut self, learnt: ColourBounds) -> Result<Held, Error<U::Error>> {
+        let (frame, first) = (self.frame, self.settings.first_column);
+        let mut learning = Learning::new(learnt, frame, first);
+        while let Some(bounds) = learning.trial() {
+            self.camera.track_colour(bounds).run().await?;
             let seen = self.camera.next_tracking().run().await?;
-            if window.is_some() {
+            if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
+                learning.take(BackgroundShare::NONE, seen, false);
+                continue;
+            }
+            let mut count = 0;
+            for window in background::surroundings(frame, first).into_iter().flatten() {
+                let seen = self.look_at(Some(window)).await?;
                 count += seen.map_or(0, |seen| background::pixels(&seen));
-            } else if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-                return Ok(BackgroundShare::NONE);
             }
-            window = outer.next();
-            self.camera
-                .set(Command::VirtualWindow(window))
-                .run()
-                .await?;
-            if window.is_none() {
-                let of = background::surrounding_pixels(frame);
-                return Ok(BackgroundShare::new(count, of));
-            }
+            let share = BackgroundShare::new(count, background::surrounding_pixels(frame));
+            let seen = self.look_at(background::middle(frame, first)).await?;
+            self.camera.set(Command::VirtualWindow(None)).run().await?;
+            learning.take(share, seen, true);
         }
+        Ok(learning.verdict())
+    }
+
+    async fn look_at(
+        &mut self,
+        window: Option<Window>,
+    ) -> Result<Option<Tracking>, Error<U::Error>> {
+        self.camera
+            .set(Command::VirtualWindow(window))
+            .run()
+            .await?;
+        self.camera.next_tracking().run().await
     }
 
     /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
-    async fn frame(&mut self) -> Result<Size, VisionError> {
+    async fn ask_frame(&mut self) -> Result<Size, VisionError> {
         let version = self.camera.version().run().await;
         let version = version.map_err(|error| self.failed(error))?;
         let lens = self.settings.columns;
@@ -231,7 +242,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
 impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, D, K> {
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
-        self.rows = u16::from(self.frame().await?.height);
+        self.frame = self.ask_frame().await?;
         let set_up = self.set_up().await;
         self.taken(set_up)?;
         self.ready = true;
@@ -243,15 +254,12 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         self.subject = None;
         let learnt = self.camera.learn(Learn::default()).run().await;
         let bounds = self.taken(learnt)?;
-        let share = self.background_share(bounds).await;
-        if share.is_err() {
+        let held = self.hold(bounds).await;
+        if held.is_err() {
             // It may be left with a part of its view.
             self.ready = false;
         }
-        let background = self.taken(share)?;
-        if background.is_hopeless() {
-            return Err(VisionError::CommonColour(background));
-        }
+        let (bounds, background) = self.taken(held)??;
         let levels = |range: LevelRange| [range.min(), range.max()];
         let window = ColourWindow {
             red: levels(bounds.red),

@@ -41,7 +41,7 @@ use pixy_driver::{
     session::Fault,
 };
 
-use super::{Blob, BlobCamera, LearntColour, Subject, VisionError};
+use super::{Blob, BlobCamera, LearntColour, Subject, VisionError, blob::is_cut};
 use crate::{log::warning, message::TrackedBlob};
 
 /// Columns by which a Pixy tells the right edge of a round object too far left, on average.
@@ -231,6 +231,7 @@ pub fn blob(model: Model, largest: &Block, next: Option<&Block>) -> Blob {
         pixels: 0,
         confidence: 0,
         cell_width: unit(model),
+        is_cut: is_cut([top, bottom], model.size()[1]),
         told: TrackedBlob {
             middle: [largest.x, largest.y],
             edges: [
@@ -267,6 +268,7 @@ mod tests {
         let camera = Lens::pin_hole(316, 60.0).camera().unwrap();
         let shape = Shape::Round {
             rows_per_column: 1.0,
+            tangent: 0.0,
         };
         let mut judge = Judge::new(camera, Patience::default(), shape);
         let mut looks = (0..40).map(|_| judge.push(Some(blob(Model::Pixy2, largest, next))));

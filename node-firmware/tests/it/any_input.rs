@@ -175,6 +175,8 @@ impl Any {
             Sight::NotLooking,
             Sight::Failed,
             Sight::NotReady,
+            Sight::Hidden,
+            Sight::Several,
         ])
     }
 

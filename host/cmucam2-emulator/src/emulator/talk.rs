@@ -3,6 +3,7 @@
 use super::{Activity, Emulator, MILLISECOND, Note, Time};
 use crate::{
     command::{Command, RawHeard},
+    differencing::Grid,
     light::Light,
     sensor::Sensor,
     switches::Switches,
@@ -25,6 +26,15 @@ const BANNERS: [&str; 6] = [
 ];
 /// Bytes that the camera keeps, of those that come while it starts.
 const EARLY_MAX: usize = 128;
+
+/// The blocks of an upload that is sent in the line of its command, as one program does. No level is a carriage
+/// return.
+fn uploaded(line: &[u8]) -> Option<&[u8; 64]> {
+    let (letters, blocks) = line.split_first_chunk::<2>()?;
+    letters
+        .eq_ignore_ascii_case(b"UD")
+        .then(|| blocks.try_into().ok())?
+}
 
 impl Emulator {
     /// One byte that arrived at the camera.
@@ -90,6 +100,10 @@ impl Emulator {
             b'\r' => {
                 let line = std::mem::take(&mut self.line);
                 match Command::read(&line) {
+                    Err(_) if let Some(blocks) = uploaded(&line) => {
+                        self.reference = Grid::uploaded(blocks, self.modes.fine_grid);
+                        self.idle();
+                    }
                     Ok(None) => self.idle(),
                     Ok(Some(command)) => self.obey(&line, Ok(command), now),
                     Err(why) => self.obey(&line, Err(why), now),

@@ -13,12 +13,12 @@ fn lens() -> Camera<f32> {
 
 fn at(column: u8) -> Option<Blob> {
     let packet = Tracking::new([column, 70, column - 4, 60, column + 4, 80, 20, 201]);
-    Blob::from_tracking(&packet, Grid::pixels(0))
+    Blob::from_tracking(&packet, Grid::pixels(0, 143))
 }
 
 fn clipped() -> Option<Blob> {
     let packet = Tracking::new([3, 70, 0, 60, 6, 80, 20, 201]);
-    Blob::from_tracking(&packet, Grid::pixels(0))
+    Blob::from_tracking(&packet, Grid::pixels(0, 143))
 }
 
 /// The look, and the number of its frames.
@@ -65,7 +65,7 @@ fn a_look_ends() {
     let flickers = (0..60).map(|n| if n % 3 == 0 { None } else { at(43) });
     assert_eq!(judge(flickers), (Look::Unsteady, 20));
     let merged = Tracking::new([34, 70, 30, 60, 49, 80, 20, 90]);
-    let merged = Blob::from_tracking(&merged, Grid::pixels(0));
+    let merged = Blob::from_tracking(&merged, Grid::pixels(0, 143));
     assert_eq!(judge([merged; 60]), (Look::Lopsided, 20));
     // Fewer frames at most than must agree: those that must agree.
     let patience = Patience {

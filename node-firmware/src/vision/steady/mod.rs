@@ -19,8 +19,10 @@
 //!   hidden) to 7 times (half of it) as much. The CMUcam2 tells the middle of mass in whole columns, cut or
 //!   rounded, so only the excess over that counts: this finds large blobs, and two that are taken for one.
 //! - A [round](Shape::Round) target is narrower than tall. The direction is wrong by half of the missing
-//!   width. A target whose lower or upper part is hidden is wider than tall; its direction is right. The last
-//!   sliver of a hidden target looks like a small one.
+//!   width. The last sliver of a hidden target looks like a small one.
+//! - It is wider than tall, and the upper or lower border of the view does not cut it: it may be two. A pin-hole's
+//!   picture of a ball is wider than tall far from the axis, and that is taken into account.
+//! - Its pixels fill little of its box: something else has its colour, or it has only a part of it.
 
 use core::fmt;
 
@@ -54,6 +56,15 @@ const NARROW: f32 = 1.5;
 /// Share of its width that a round target may lack.
 const HIDDEN: f32 = 0.2;
 
+/// Least share of its box that a round target fills, 256 times the share. A ball fills 201.
+const SPARSE: u8 = 128;
+
+/// The same of a target of any shape.
+const SPARSE_ANY: u8 = 50;
+
+/// Units of width below which the pixels of a target's outline decide how much of its box it fills.
+const SMALL: f32 = 5.0;
+
 /// Columns by which the direction may be wrong for one by which the middle of mass is off.
 const DOUBT: f32 = 4.0;
 
@@ -70,6 +81,8 @@ pub enum Shape {
     Round {
         /// Number of rows that are as much as a column, above 0.
         rows_per_column: f32,
+        /// Tangent of the angle between the axis and the next column; 0 where the picture is as wide everywhere.
+        tangent: f32,
     },
 }
 
@@ -118,6 +131,10 @@ struct Outline {
     height: f32,
     /// Width of the unit in which columns are known.
     unit: f32,
+    /// Share of the box that it fills, 256 times; 0: not known.
+    filled: u8,
+    /// The upper or lower border of the view cuts it.
+    is_cut: bool,
 }
 
 /// Reason why the blob is not steady yet.
@@ -147,6 +164,16 @@ pub enum Unsteady {
         /// The excess over rounding, or so much too narrow, columns.
         by: f32,
     },
+    /// It is wider than tall.
+    Wide {
+        /// So much too wide, columns.
+        by: f32,
+    },
+    /// It fills little of its box.
+    Sparse {
+        /// Percent.
+        filled: u8,
+    },
 }
 
 impl fmt::Display for Unsteady {
@@ -170,6 +197,15 @@ impl fmt::Display for Unsteady {
                 f,
                 "the object is partly hidden, or something else has its colour: its blob is out \
                  of shape by {by:.1} columns"
+            ),
+            Self::Wide { by } => write!(
+                f,
+                "the object is wider than tall by {by:.1} columns: it may be two, or something else has its colour"
+            ),
+            Self::Sparse { filled } => write!(
+                f,
+                "the tracked pixels fill {filled} % of their box: something else in view has this colour, or only \
+                 a part of the object has it"
             ),
         }
     }
@@ -247,8 +283,15 @@ impl<const N: usize> Steadiness<N> {
             centroid: median(&values(|blob| blob.centroid[0])),
             height: median(&values(|blob| blob.bottom - blob.top)),
             unit,
+            filled: median(&values(|blob| f32::from(blob.confidence))) as u8,
+            is_cut: whole().any(|blob| blob.is_cut),
         };
         let doubt = self.doubt(&outline)?;
+        let more = self.excess(&outline);
+        if more > 0.0 && !outline.is_cut {
+            return Err(Unsteady::Wide { by: more });
+        }
+        self.sparse(&outline)?;
         let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
         Ok(Steady {
             left,
@@ -256,7 +299,7 @@ impl<const N: usize> Steadiness<N> {
             column_sigma: ComplexField::sqrt(variance),
             frames: middles.len() as u16,
             pixels: median(&values(|blob| f32::from(blob.pixels))) as u8,
-            confidence: median(&values(|blob| f32::from(blob.confidence))) as u8,
+            confidence: outline.filled,
         })
     }
 
@@ -272,9 +315,11 @@ impl<const N: usize> Steadiness<N> {
             centroid: blob.centroid[0],
             height: blob.bottom - blob.top,
             unit,
+            filled: blob.confidence,
+            is_cut: blob.is_cut,
         };
         // The look of two objects in one box is no reason to doubt one of them.
-        let is_wide = self.is_wide(&outline);
+        let is_wide = self.excess(&outline) > 0.0;
         let doubt = if is_wide {
             0.0
         } else {
@@ -298,7 +343,7 @@ impl<const N: usize> Steadiness<N> {
         } = outline;
         let width = right - left;
         let off = beyond(outline.centroid, (left + right) * 0.5, unit);
-        let missing = self.missing(width, outline.height, unit);
+        let missing = self.missing(outline);
         if off > width * LOPSIDED && off > 0.0 {
             return Err(Unsteady::Lopsided { by: off });
         }
@@ -308,27 +353,55 @@ impl<const N: usize> Steadiness<N> {
         Ok((DOUBT * off).max(missing * 0.5))
     }
 
-    /// Returns true if it is wider than tall by as much as a half hidden target is narrower.
-    fn is_wide(&self, outline: &Outline) -> bool {
-        let Shape::Round { rows_per_column } = self.shape else {
-            return false;
+    /// Returns an error if it fills little of its box.
+    fn sparse(&self, outline: &Outline) -> Result<(), Unsteady> {
+        let least = match self.shape {
+            Shape::Any => SPARSE_ANY,
+            Shape::Round { .. } => SPARSE,
         };
+        // Blocks of frame differencing need not touch each other.
+        let is_known = outline.filled > 0 && outline.unit < 2.0;
+        if is_known && outline.right - outline.left >= SMALL && outline.filled < least {
+            let filled = (u16::from(outline.filled) * 100 / 256) as u8;
+            return Err(Unsteady::Sparse { filled });
+        }
+        Ok(())
+    }
+
+    /// Columns by which a round target is wider than its height; 0 unless by as much as a half hidden one is narrower.
+    fn excess(&self, outline: &Outline) -> f32 {
         let width = outline.right - outline.left;
-        let more = width - outline.height / rows_per_column;
-        more > NARROW * outline.unit && more > width * HIDDEN
+        let more = width - self.round_width(outline).unwrap_or(width);
+        if more > NARROW * outline.unit && more > width * HIDDEN {
+            more
+        } else {
+            0.0
+        }
     }
 
     /// Width that a target lacks, columns; 0 if that may be rounding.
-    fn missing(&self, width: f32, height: f32, unit: f32) -> f32 {
-        let Shape::Round { rows_per_column } = self.shape else {
-            return 0.0;
-        };
-        let missing = height / rows_per_column - width;
-        if missing > NARROW * unit {
+    fn missing(&self, outline: &Outline) -> f32 {
+        let width = outline.right - outline.left;
+        let missing = self.round_width(outline).unwrap_or(width) - width;
+        if missing > NARROW * outline.unit {
             missing
         } else {
             0.0
         }
+    }
+
+    /// Width of a round target of this height, columns. A pin-hole stretches it away from the axis, by
+    /// `sqrt(1 + x x)` at the tangent `x`.
+    fn round_width(&self, outline: &Outline) -> Option<f32> {
+        let Shape::Round {
+            rows_per_column,
+            tangent,
+        } = self.shape
+        else {
+            return None;
+        };
+        let off = (outline.left + outline.right + 1.0 - f32::from(self.columns)) * 0.5 * tangent;
+        Some(outline.height / rows_per_column * ComplexField::sqrt(1.0 + off * off))
     }
 }
 
