@@ -30,19 +30,6 @@ impl ColourChannel {
     }
 }
 
-impl TryFrom<u8> for ColourChannel {
-    type Error = ArgumentError;
-
-    fn try_from(number: u8) -> Result<Self, ArgumentError> {
-        match number {
-            0 => Ok(Self::Red),
-            1 => Ok(Self::Green),
-            2 => Ok(Self::Blue),
-            _ => Err(ArgumentError::Channel),
-        }
-    }
-}
-
 /// A colour as the camera measured it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

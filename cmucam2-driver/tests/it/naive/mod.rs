@@ -32,157 +32,58 @@ fn nothing() -> ColourBounds {
     ColourBounds::new([16, 20, 16, 20, 16, 20]).unwrap()
 }
 
-/// Each habit of real cameras, alone, then all that go together.
+/// Habits of real cameras: their name, and the difference that each makes.
+type Habit = (&'static str, fn(&mut Habits));
+
+const HABITS: [Habit; 18] = [
+    ("echoes", |h| h.echoes = true),
+    ("spaces at the end of lines", |h| h.end_of_line = " \r"),
+    ("lines end twice", |h| h.end_of_line = "\r\n"),
+    ("a space after the prompt", |h| h.prompt = ": "),
+    ("a prompt on a line of its own", |h| h.prompt = "\r:\r"),
+    ("slow", |h| (h.thinks_ms, h.boots_ms) = (150, 1_500)),
+    ("a blank line before the banner", |h| h.before_banner = "\r"),
+    ("a banner without an end", |h| h.banner = "CMUcam2 v1.0 c6"),
+    ("packets within ACK", |h| h.interrupts_itself = true),
+    ("acknowledged stops", |h| h.acknowledges_stop = true),
+    ("refusals", |h| h.refuses_every = 3),
+    ("lower bounds first", |h| h.lower_bounds_first = true),
+    ("a mean before TW", |h| h.tells_mean = true),
+    ("columns from 0", |h| h.first_number = 0),
+    ("a mark before all rows", |h| h.row_marks = (true, true)),
+    ("no mark after them", |h| h.row_marks = (false, false)),
+    ("histograms without end", |h| h.histogram_goes_on = true),
+    ("a silent sleep", |h| h.sleeps_with_prompt = false),
+];
+
+/// Each habit alone, then all that go together.
 fn all_habits() -> Vec<(&'static str, Habits)> {
+    let mut sloppy = PLAIN;
+    for (name, habit) in HABITS {
+        if ![
+            "lines end twice",
+            "a prompt on a line of its own",
+            "a mark before all rows",
+        ]
+        .contains(&name)
+        {
+            habit(&mut sloppy);
+        }
+    }
     let sloppy = Habits {
-        echoes: true,
-        end_of_line: " \r",
-        prompt: ": ",
         thinks_ms: 40,
         boots_ms: 900,
         before_banner: "\r\n",
-        banner: "CMUcam2 v1.0 c6",
-        interrupts_itself: true,
-        acknowledges_stop: true,
         refuses_every: 5,
-        lower_bounds_first: true,
-        tells_mean: true,
-        first_number: 0,
         row_marks: (true, false),
-        histogram_goes_on: true,
-        sleeps_with_prompt: false,
+        ..sloppy
     };
-    vec![
-        ("plain", PLAIN),
-        (
-            "echoes",
-            Habits {
-                echoes: true,
-                ..PLAIN
-            },
-        ),
-        (
-            "spaces at the end of lines",
-            Habits {
-                end_of_line: " \r",
-                ..PLAIN
-            },
-        ),
-        (
-            "lines end twice",
-            Habits {
-                end_of_line: "\r\n",
-                ..PLAIN
-            },
-        ),
-        (
-            "a space after the prompt",
-            Habits {
-                prompt: ": ",
-                ..PLAIN
-            },
-        ),
-        (
-            "a prompt on a line of its own",
-            Habits {
-                prompt: "\r:\r",
-                ..PLAIN
-            },
-        ),
-        (
-            "slow",
-            Habits {
-                thinks_ms: 150,
-                boots_ms: 1_500,
-                ..PLAIN
-            },
-        ),
-        (
-            "a blank line before the banner",
-            Habits {
-                before_banner: "\r",
-                ..PLAIN
-            },
-        ),
-        (
-            "a banner without an end",
-            Habits {
-                banner: "CMUcam2 v1.0 c6",
-                ..PLAIN
-            },
-        ),
-        (
-            "packets within ACK",
-            Habits {
-                interrupts_itself: true,
-                ..PLAIN
-            },
-        ),
-        (
-            "acknowledged stops",
-            Habits {
-                acknowledges_stop: true,
-                ..PLAIN
-            },
-        ),
-        (
-            "refusals",
-            Habits {
-                refuses_every: 3,
-                ..PLAIN
-            },
-        ),
-        (
-            "lower bounds first",
-            Habits {
-                lower_bounds_first: true,
-                ..PLAIN
-            },
-        ),
-        (
-            "a mean before TW",
-            Habits {
-                tells_mean: true,
-                ..PLAIN
-            },
-        ),
-        (
-            "columns from 0",
-            Habits {
-                first_number: 0,
-                ..PLAIN
-            },
-        ),
-        (
-            "a mark before the first row",
-            Habits {
-                row_marks: (true, true),
-                ..PLAIN
-            },
-        ),
-        (
-            "no mark after the last row",
-            Habits {
-                row_marks: (false, false),
-                ..PLAIN
-            },
-        ),
-        (
-            "histograms without end",
-            Habits {
-                histogram_goes_on: true,
-                ..PLAIN
-            },
-        ),
-        (
-            "a silent sleep",
-            Habits {
-                sleeps_with_prompt: false,
-                ..PLAIN
-            },
-        ),
-        ("all of it", sloppy),
-    ]
+    let alone = HABITS.map(|(name, habit)| {
+        let mut habits = PLAIN;
+        habit(&mut habits);
+        (name, habits)
+    });
+    [&[("plain", PLAIN)], &alone[..], &[("all of it", sloppy)]].concat()
 }
 
 /// Runs a dialogue with cameras of all habits, over both kinds of UART.

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use cmucam2_driver::{
     colour::{ColourBounds, ColourChannel},
     command::{
-        Command, CommandError, LedMode, LineMode, OutputMask, RawMode, StatisticsLines,
-        StatisticsMask, TrackingLines,
+        Command, LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask,
+        TrackingLines,
     },
     geometry::{DownSampling, Sensor, Window},
     packet::{BoundingBox, Packet, Tracking},
@@ -464,12 +464,12 @@ fn run(switches: Switches) -> Result<BTreeSet<[u8; 2]>, String> {
     Ok(letters)
 }
 
-/// The letters of every command there is, found by trying.
+/// The letters of every command there is.
 fn all_letters() -> BTreeSet<[u8; 2]> {
-    let characters = || (b'A'..=b'Z').chain(b'0'..=b'9');
-    characters()
-        .flat_map(|first| characters().map(move |second| [first, second]))
-        .filter(|letters| Command::parse(letters) != Err(CommandError::Unknown))
+    let all = "BM CP CR CT DC DM DS FD FS GB GH GI GM GS GT GV GW HC HD HR HT L0 L1 LF LM MD NF OM \
+               PD PF PM PS RF RM RS SD SF SL SM SO SP SV ST TC TI TW UD VW";
+    all.split(' ')
+        .map(|letters| letters.as_bytes().try_into().unwrap())
         .collect()
 }
 

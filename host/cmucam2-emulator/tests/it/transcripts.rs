@@ -309,7 +309,9 @@ fn inverted_bounds_are_refused_or_track_nothing() {
 
 #[test]
 fn learning_in_the_window_says_what_it_saw() {
-    let mut terminal = Terminal::new(Configuration::default(), orange_box([0, 87], [0, 142]));
+    let mut configuration = Configuration::default();
+    configuration.switches.window_mean = 1;
+    let mut terminal = Terminal::new(configuration, orange_box([0, 87], [0, 142]));
     terminal.freeze();
     let stream = terminal.types("TW\r");
     let mean = stream.split('\r').nth(1).unwrap().to_owned();
