@@ -40,6 +40,13 @@ impl Emulator {
     /// One byte that arrived at the camera.
     pub(super) fn hear(&mut self, byte: u8, now: Time) {
         self.answer_at = now + LATENCY;
+        let hears = !matches!(
+            self.activity,
+            Activity::Dead | Activity::Silent { .. } | Activity::Boot { .. }
+        );
+        if hears && self.switches().echo == 1 {
+            self.say(&[byte]);
+        }
         match &mut self.activity {
             Activity::Command => self.type_in(byte, now),
             Activity::Boot { early, .. } => {
@@ -82,6 +89,7 @@ impl Emulator {
         }
         self.note(|| Note::Stopped);
         self.activity = Activity::Command;
+        self.is_late = self.switches().late_packet == 1 && !self.last_packet.is_empty();
         if self.switches().stop_ack == 1 {
             self.acknowledge();
         }
@@ -129,14 +137,28 @@ impl Emulator {
         }
     }
 
+    /// A line of text with its end.
+    pub(super) fn say_line(&mut self, text: &[u8]) {
+        let end = ["\r", " \r", "\r\n"][usize::from(self.switches().line_end)];
+        self.say(&[text, end.as_bytes()].concat());
+    }
+
     pub(super) fn acknowledge(&mut self) {
-        if !self.modes.raw.suppresses_replies() {
-            self.say(b"ACK\r");
+        if self.modes.raw.suppresses_replies() {
+            return;
         }
+        if std::mem::take(&mut self.is_late) {
+            self.say(b"AC");
+            let late = std::mem::take(&mut self.last_packet);
+            self.say(&late);
+            return self.say_line(b"K");
+        }
+        self.say_line(b"ACK");
     }
 
     pub(super) fn prompt(&mut self) {
-        self.say(b":");
+        let prompt = [":", ": ", "\r:\r"][usize::from(self.switches().prompt_line)];
+        self.say(prompt.as_bytes());
     }
 
     pub(super) fn say_banner(&mut self, carriage_return: bool) {
