@@ -75,16 +75,6 @@ impl LevelRange {
         }
     }
 
-    /// So many levels more at both ends, or fewer if negative. An end beyond which no pixel has a level stays.
-    #[must_use]
-    pub fn widened(self, by: i16) -> Self {
-        let moved = |level: u8, by: i16| match level {
-            ..=LEVEL_MIN | LEVEL_MAX.. => level,
-            _ => (i16::from(level) + by).clamp(LEVEL_MIN.into(), LEVEL_MAX.into()) as u8,
-        };
-        Self::new(moved(self.min, -by), moved(self.max, by)).unwrap_or(self)
-    }
-
     /// The lowest level that counts.
     pub const fn min(self) -> u8 {
         self.min
@@ -142,14 +132,20 @@ impl ColourBounds {
         }
     }
 
-    /// Each channel [widened](LevelRange::widened).
+    /// So many levels more at both ends of each channel, or fewer if negative and any are left in all of them. An
+    /// end beyond which no pixel has a level stays.
     #[must_use]
+    #[inline(never)] // for less flash
     pub fn widened(self, by: i16) -> Self {
-        Self {
-            red: self.red.widened(by),
-            green: self.green.widened(by),
-            blue: self.blue.widened(by),
+        let (mut values, mut by) = (self.values(), -by);
+        for level in &mut values {
+            if (LEVEL_MIN + 1..LEVEL_MAX).contains(level) {
+                let moved = i16::from(*level) + by;
+                *level = moved.clamp(LEVEL_MIN.into(), LEVEL_MAX.into()) as u8;
+            }
+            by = -by;
         }
+        Self::new(values).unwrap_or(self)
     }
 
     /// `[Rmin, Rmax, Gmin, Gmax, Bmin, Bmax]`.
@@ -204,8 +200,8 @@ mod tests {
         assert_eq!(bounds.widened(16).values(), [184, 240, 54, 146, 16, 46]);
         assert_eq!(bounds.widened(-8).values(), [208, 240, 78, 122, 16, 22]);
         // Nothing would be left.
-        let narrow = LevelRange::new(100, 110).unwrap();
+        let narrow = ColourBounds::new([100, 110, 16, 240, 0, 255]).unwrap();
         assert_eq!(narrow.widened(-6), narrow);
-        assert_eq!(LevelRange::new(0, 255).unwrap().widened(16).min(), 0);
+        assert_eq!(narrow.widened(16).values(), [84, 126, 16, 240, 0, 255]);
     }
 }

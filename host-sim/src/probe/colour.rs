@@ -128,7 +128,7 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
             && !peeled.background.is_hopeless()
         {
             let seen = self.look(peeled.bounds, background::middle(self.frame, self.first))?;
-            if learning.is_whole(seen, true) {
+            if learning.is_whole(seen) {
                 judged.best = Ok(peeled);
             }
         }
@@ -137,17 +137,11 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
 
     /// The search for bounds that hold the whole object.
     fn learn(&mut self, learnt: ColourBounds) -> Result<Learning, Error<U::Error>> {
-        let frame = self.frame;
-        let mut learning = Learning::new(learnt, frame, self.first);
-        while let Some(bounds) = learning.trial() {
-            let seen = self.look(bounds, None)?;
-            if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-                learning.take(BackgroundShare::NONE, seen, false);
-                continue;
-            }
-            let counted = self.count(bounds)?;
-            let seen = self.look(bounds, background::middle(frame, self.first))?;
-            learning.take(self.share(&counted), seen, true);
+        let mut learning = Learning::new(learnt, self.frame, self.first);
+        self.camera.track_colour(learnt).wait()?;
+        while let Some(step) = learning.step() {
+            self.camera.set(step.into()).wait()?;
+            learning.take(self.camera.next_tracking().wait()?);
         }
         Ok(learning)
     }

@@ -24,19 +24,15 @@
 
 use cmucam2_driver::{
     Cmucam2, Command, Error,
-    colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
+    colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN},
     device::{Clock, SummedDelays},
-    geometry::{Sensor, Size, Window},
-    packet::Tracking,
+    geometry::{Sensor, Size},
     session::{Fault, Learn, StartUp},
 };
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
-use super::{
-    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, Learning, LearntColour, Subject,
-    VisionError, background,
-};
+use super::{Blob, BlobCamera, ColourWindow, Grid, Learning, LearntColour, Subject, VisionError};
 use crate::log::warning;
 
 /// Blocks across a frame for frame differencing.
@@ -48,9 +44,6 @@ const HIGH_RESOLUTION: u16 = 175;
 
 /// Number of rows that are as much as a column, at either resolution of either sensor.
 pub const ROWS_PER_COLUMN: f32 = 2.0;
-
-/// Bounds that hold an object, and the share of the background that has them.
-type Held = Result<(ColourBounds, BackgroundShare), VisionError>;
 
 /// Settings of a CMUcam2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -185,41 +178,6 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         self.camera.set(Command::PollMode(true)).run().await
     }
 
-    /// Bounds that hold the whole object in the middle of the view, and the share of the background that has them.
-    async fn hold(&mut self, learnt: ColourBounds) -> Result<Held, Error<U::Error>> {
-        let (frame, first) = (self.frame, self.settings.first_column);
-        let mut learning = Learning::new(learnt, frame, first);
-        while let Some(bounds) = learning.trial() {
-            self.camera.track_colour(bounds).run().await?;
-            let seen = self.camera.next_tracking().run().await?;
-            if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-                learning.take(BackgroundShare::NONE, seen, false);
-                continue;
-            }
-            let mut count = 0;
-            for window in background::surroundings(frame, first).into_iter().flatten() {
-                let seen = self.look_at(Some(window)).await?;
-                count += seen.map_or(0, |seen| background::pixels(&seen));
-            }
-            let share = BackgroundShare::new(count, background::surrounding_pixels(frame));
-            let seen = self.look_at(background::middle(frame, first)).await?;
-            self.camera.set(Command::VirtualWindow(None)).run().await?;
-            learning.take(share, seen, true);
-        }
-        Ok(learning.verdict())
-    }
-
-    async fn look_at(
-        &mut self,
-        window: Option<Window>,
-    ) -> Result<Option<Tracking>, Error<U::Error>> {
-        self.camera
-            .set(Command::VirtualWindow(window))
-            .run()
-            .await?;
-        self.camera.next_tracking().run().await
-    }
-
     /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
     async fn ask_frame(&mut self) -> Result<Size, VisionError> {
@@ -252,19 +210,24 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let learnt = self.camera.learn(Learn::default()).run().await;
-        let bounds = self.taken(learnt)?;
-        let held = self.hold(bounds).await;
-        if held.is_err() {
-            // It may be left with a part of its view.
-            self.ready = false;
+        let learnt = self.camera.learn_and_track(Learn::default()).run().await;
+        let learnt = self.taken(learnt)?;
+        let mut learning = Learning::new(learnt, self.frame, self.settings.first_column);
+        // If anything fails, it may be left with a part of its view.
+        self.ready = false;
+        while let Some(step) = learning.step() {
+            let set = self.camera.set(step.into()).run().await;
+            self.taken(set)?;
+            let seen = self.camera.next_tracking().run().await;
+            learning.take(self.taken(seen)?);
         }
-        let (bounds, background) = self.taken(held)??;
-        let levels = |range: LevelRange| [range.min(), range.max()];
+        self.ready = true;
+        let (bounds, background) = learning.verdict()?;
+        let [a, b, c, d, e, f] = bounds.values();
         let window = ColourWindow {
-            red: levels(bounds.red),
-            green: levels(bounds.green),
-            blue: levels(bounds.blue),
+            red: [a, b],
+            green: [c, d],
+            blue: [e, f],
         };
         Ok(LearntColour { window, background })
     }
@@ -316,13 +279,9 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
 
 /// The same colours in the levels that a CMUcam2 has.
 fn bounds(window: &ColourWindow) -> Option<ColourBounds> {
-    let range = |[lowest, highest]: [u8; 2]| {
-        let cut = |level: u8| level.clamp(LEVEL_MIN, LEVEL_MAX);
-        (lowest <= highest).then(|| LevelRange::new(cut(lowest), cut(highest)).ok())?
-    };
-    Some(ColourBounds {
-        red: range(window.red)?,
-        green: range(window.green)?,
-        blue: range(window.blue)?,
-    })
+    let ColourWindow { red, green, blue } = *window;
+    let [[a, b], [c, d], [e, f]] = [red, green, blue];
+    let levels = [a, b, c, d, e, f].map(|level| level.clamp(LEVEL_MIN, LEVEL_MAX));
+    let bounds = ColourBounds::new(levels).ok();
+    bounds.filter(|_| window.is_ordered())
 }

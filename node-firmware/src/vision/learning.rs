@@ -7,9 +7,15 @@
 //! something else that joins. The bounds are the narrowest of the learnt ones and wider ones from which on the
 //! outline stays. If it never does, the object was not seen whole, and nothing is learnt.
 //!
-//! [`Learning`] has no input of its own: it tells which bounds to look with, and takes in the look.
+//! [`Learning`] has no input of its own: it tells the [steps](Step) that a camera is to make, and takes in what
+//! that sees.
 
-use cmucam2_driver::{colour::ColourBounds, geometry::Size, packet::Tracking};
+use cmucam2_driver::{
+    Command,
+    colour::ColourBounds,
+    geometry::{Size, Window},
+    packet::Tracking,
+};
 
 use super::{BackgroundShare, VisionError, background};
 
@@ -19,8 +25,8 @@ const NARROWER: i16 = 8;
 /// Levels by which bounds grow each time.
 const GROWTH: i16 = 16;
 
-/// Looks in all: with narrower bounds, with the learnt ones, with wider ones.
-const LOOKS: u8 = 7;
+/// Bounds in all: narrower ones, the learnt ones, wider ones.
+const TRIALS: u8 = 7;
 
 /// Columns or rows by which an edge that stays may be elsewhere.
 const EDGE: u8 = 2;
@@ -28,24 +34,53 @@ const EDGE: u8 = 2;
 /// By how much an object that stays may fill its box more or less, 256 times the share.
 const FILL: u8 = 16;
 
+/// Views with the same bounds: the whole one, its [surroundings](background::surroundings), its
+/// [middle](background::middle), and the whole one again.
+const WHOLE: usize = 0;
+const MIDDLE: usize = 5;
+
 /// A search. See the [module](self).
 #[derive(Clone, Debug)]
 pub struct Learning {
     learnt: ColourBounds,
     frame: Size,
     first: u8,
-    looks: u8,
+    trials: u8,
+    view: usize,
+    /// Pixels of the surroundings so far.
+    count: u32,
     /// Share of the background that has the learnt bounds.
     share: BackgroundShare,
     found: Option<Found>,
 }
 
+/// The next thing that a camera does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// It tracks these bounds.
+    Bounds(ColourBounds),
+    /// It looks at this part of its view, or at all of it.
+    View(Option<Window>),
+}
+
+impl From<Step> for Command {
+    fn from(step: Step) -> Self {
+        match step {
+            Step::Bounds(bounds) => Self::SetBounds(bounds),
+            Step::View(window) => Self::VirtualWindow(window),
+        }
+    }
+}
+
+/// An outline: its edges, and how much of its box it fills.
+type Outline = [u8; 5];
+
 /// An outline, and the narrowest bounds that show it.
 #[derive(Clone, Debug)]
 struct Found {
-    bounds: ColourBounds,
-    /// Edges and fill.
-    outline: [u8; 5],
+    /// Levels by which they are wider than the learnt ones.
+    wider: i16,
+    outline: Outline,
     /// Wider bounds show it, too.
     stays: bool,
 }
@@ -58,40 +93,74 @@ impl Learning {
             learnt,
             frame,
             first,
-            looks: 0,
+            trials: 0,
+            view: WHOLE,
+            count: 0,
             share: BackgroundShare::NONE,
             found: None,
         }
     }
 
-    /// Bounds for the next look; `None` when the search is over.
-    pub fn trial(&self) -> Option<ColourBounds> {
-        match self.looks {
-            0 => Some(self.learnt.widened(-NARROWER)),
-            wider if wider < LOOKS => Some(self.learnt.widened(i16::from(wider - 1) * GROWTH)),
-            _ => None,
+    /// Levels by which the bounds of the trial are wider than those that were learnt.
+    fn wider(&self) -> i16 {
+        match self.trials {
+            0 => -NARROWER,
+            trials => i16::from(trials - 1) * GROWTH,
         }
     }
 
-    /// Takes in the look with the bounds of the [trial](Self::trial): the share of the background that has them, and the
-    /// object that they show in the whole view, or in the [middle](background::middle) of it (`in_middle`).
-    pub fn take(&mut self, share: BackgroundShare, seen: Option<Tracking>, in_middle: bool) {
-        let Some(bounds) = self.trial() else {
-            return;
-        };
-        self.looks += 1;
-        match self.looks {
+    /// The next step; `None` when the search is over.
+    pub fn step(&self) -> Option<Step> {
+        match self.view {
+            WHOLE if self.trials >= TRIALS => None,
+            WHOLE => Some(Step::Bounds(self.learnt.widened(self.wider()))),
+            MIDDLE => Some(Step::View(background::middle(self.frame, self.first))),
+            view => {
+                let parts = background::surroundings(self.frame, self.first);
+                Some(Step::View(parts.get(view - 1).copied().flatten()))
+            }
+        }
+    }
+
+    /// Takes in the packet that was seen after the [step](Self::step) of a camera that tracks.
+    pub fn take(&mut self, seen: Option<Tracking>) {
+        match self.view {
+            WHOLE if seen.is_none_or(|seen| background::is_one_object(&seen, self.frame)) => {
+                self.on_trial(BackgroundShare::NONE, seen);
+            }
+            WHOLE => {
+                self.count = 0;
+                self.view += 1;
+            }
+            1..MIDDLE => {
+                self.count += seen.map_or(0, |seen| background::pixels(&seen));
+                self.view += 1;
+            }
+            MIDDLE => {
+                let of = background::surrounding_pixels(self.frame);
+                self.on_trial(BackgroundShare::new(self.count, of), seen);
+                self.view = MIDDLE + 1;
+            }
+            _ => self.view = WHOLE,
+        }
+    }
+
+    /// Takes in the object that the bounds of a trial show, and the share of the background that has them.
+    fn on_trial(&mut self, share: BackgroundShare, seen: Option<Tracking>) {
+        let wider = self.wider();
+        self.trials += 1;
+        match self.trials {
             1 => {}
             2 => self.share = share,
-            _ if share > self.share => return self.looks = LOOKS,
+            _ if share > self.share => return self.trials = TRIALS,
             _ => {}
         }
-        let outline = seen.and_then(|seen| self.outline(&seen, in_middle));
+        let outline = seen.and_then(|seen| self.outline(&seen));
         match (&mut self.found, outline) {
-            (Some(found), Some(outline)) if found.shows(outline) => found.stays = self.looks > 1,
+            (Some(found), Some(outline)) if found.shows(outline) => found.stays = self.trials > 1,
             (found, outline) => {
                 *found = outline.map(|outline| Found {
-                    bounds: if self.looks == 1 { self.learnt } else { bounds },
+                    wider: wider.max(0),
                     outline,
                     stays: false,
                 });
@@ -111,23 +180,24 @@ impl Learning {
     pub fn verdict(&self) -> Result<(ColourBounds, BackgroundShare), VisionError> {
         match &self.found {
             _ if self.share.is_hopeless() => Err(VisionError::CommonColour(self.share)),
-            Some(found) if found.stays => Ok((found.bounds, self.share)),
+            Some(found) if found.stays => Ok((self.learnt.widened(found.wider), self.share)),
             _ => Err(VisionError::PartOfObject),
         }
     }
 
-    /// Returns true if this look shows one compact thing that is whole in the middle.
-    pub fn is_whole(&self, seen: Option<Tracking>, in_middle: bool) -> bool {
-        seen.is_some_and(|seen| self.outline(&seen, in_middle).is_some())
+    /// Returns true if a look at the middle of the view shows one compact thing that is whole there.
+    pub fn is_whole(mut self, seen: Option<Tracking>) -> bool {
+        self.view = MIDDLE;
+        seen.is_some_and(|seen| self.outline(&seen).is_some())
     }
 
     /// The outline of one compact thing that is whole in the middle.
-    fn outline(&self, seen: &Tracking, in_middle: bool) -> Option<[u8; 5]> {
+    fn outline(&self, seen: &Tracking) -> Option<Outline> {
         let (found, fill) = seen.bounding_box().zip(seen.confidence())?;
         // Frames may be a column narrower, and numbers those of the frame or of the window.
         let is_whole = |from: u8, to: u8, side: u8| {
             let (middle, eighth) = (side / 2, side / 8);
-            let outside = if in_middle { eighth } else { 0 };
+            let outside = if self.view == MIDDLE { eighth } else { 0 };
             let last = side - outside - 2 + self.first;
             (self.first + outside + 1..=middle).contains(&from)
                 && (middle - eighth..last).contains(&to)
@@ -141,12 +211,10 @@ impl Learning {
 }
 
 impl Found {
-    fn shows(&self, outline: [u8; 5]) -> bool {
+    fn shows(&self, outline: Outline) -> bool {
         let most = [EDGE, EDGE, EDGE, EDGE, FILL];
-        let pairs = self.outline.into_iter().zip(outline).zip(most);
-        pairs
-            .into_iter()
-            .all(|((a, b), most)| a.abs_diff(b) <= most)
+        let mut pairs = self.outline.iter().zip(outline).zip(most);
+        pairs.all(|((a, b), most)| a.abs_diff(b) <= most)
     }
 }
 
@@ -169,12 +237,12 @@ mod tests {
         let learnt = ColourBounds::new([130, 190, 70, 130, 16, 76]).unwrap();
         let mut learning = Learning::new(learnt, FRAME, 1);
         let mut looks = looks.iter();
-        while learning.trial().is_some() {
+        while learning.step().is_some() {
             let (share, seen) = match looks.next() {
                 Some(&seen) => (BackgroundShare::NONE, Some(Tracking::new(seen))),
                 None => (BackgroundShare { thousandths: 1 }, None),
             };
-            learning.take(share, seen, false);
+            learning.on_trial(share, seen);
         }
         let (bounds, _) = learning.verdict()?;
         Ok([bounds.red.min(), bounds.red.max()])
@@ -228,21 +296,34 @@ mod tests {
             let learnt = ColourBounds::ALL;
             let mut learning = Learning::new(learnt, FRAME, first);
             let seen = Tracking::new([44, 70, x1, 40, x2, 101, 255, 201]);
-            while learning.trial().is_some() {
-                learning.take(BackgroundShare::NONE, Some(seen), in_middle);
+            while learning.trials < TRIALS {
+                learning.view = if in_middle { MIDDLE } else { WHOLE };
+                learning.on_trial(BackgroundShare::NONE, Some(seen));
             }
             let told = (first, in_middle, x1, x2);
             assert_eq!(learning.verdict().is_ok(), is_whole, "{told:?}");
         }
     }
 
+    /// A wall on the right has it: the view is looked at in its parts.
     #[test]
     fn a_colour_of_the_background_is_named() {
         let mut learning = Learning::new(ColourBounds::ALL, FRAME, 1);
-        let share = BackgroundShare { thousandths: 445 };
-        while learning.trial().is_some() {
-            learning.take(share, Some(Tracking::new(BALL)), true);
+        let mut steps = 0;
+        while let Some(step) = learning.step() {
+            let right = Window::new(78, 1, 88, 143).ok();
+            learning.take(match step {
+                Step::Bounds(_) => Some(Tracking::new([70, 72, 34, 1, 88, 143, 255, 100])),
+                Step::View(part) if part == right => {
+                    Some(Tracking::new([83, 72, 78, 1, 88, 143, 197, 255]))
+                }
+                Step::View(_) => Some(Tracking::LOST),
+            });
+            steps += 1;
         }
+        let thousandths = (197 * 8 * 1_000_u32).div_ceil(12_584 - 66 * 109) as u16;
+        let share = BackgroundShare { thousandths };
         assert_eq!(learning.verdict(), Err(VisionError::CommonColour(share)));
+        assert_eq!(steps, 7 * 7);
     }
 }

@@ -165,7 +165,8 @@ const PARTS: [&str; 5] = [
 fn learn(seen: &[(&str, Option<[&str; 5]>)]) -> Result<LearntColour, VisionError> {
     let mut script = started()
         .on("TW\r", format!("ACK\rS 200 100 46 3 3 3\rT {BALL}\r:"))
-        .on("GT\r", "ACK\r170 230 70 130 16 76\r:");
+        .on("GT\r", "ACK\r170 230 70 130 16 76\r:")
+        .on("ST 170 230 70 130 16 76\r", "ACK\r:");
     let told = |seen: &str| format!("ACK\rT {seen}\r:");
     for (bounds, (whole, parts)) in TRIED.into_iter().zip(seen) {
         script = script
@@ -178,7 +179,7 @@ fn learn(seen: &[(&str, Option<[&str; 5]>)]) -> Result<LearntColour, VisionError
                 .fold(script, |script, (part, seen)| {
                     script.on(part, "ACK\r:").on("TC\r", told(seen))
                 });
-            script = script.on("VW\r", "ACK\r:");
+            script = script.on("VW\r", "ACK\r:").on("TC\r", told(whole));
         }
     }
     let (mut sight, line) = sight(script, 88);
@@ -343,6 +344,7 @@ fn a_restart_between_two_looks_is_told_whoever_notices_it() {
         "ACK\rS 200 100 46 3 3 3\rT 44 70 40 60 48 80 20 201\r:",
     );
     const GT: (&str, &str) = ("GT\r", "ACK\r170 230 70 130 16 76\r:");
+    const LEARNT: (&str, &str) = ("ST 170 230 70 130 16 76\r", "ACK\r:");
     const FD: (&str, &str) = ("FD 12\r", "ACK\rT 6 8 5 7 6 9 6 255\r:");
     let begin: Act = |sight| wait(sight.begin(Subject::Colour(ORANGE)));
     let background: Act = |sight| wait(sight.learn_background());
@@ -357,7 +359,7 @@ fn a_restart_between_two_looks_is_told_whoever_notices_it() {
     for (act, during, again) in [
         (begin, ST, &[ST][..]),
         (background, LF, &[LF]),
-        (learn, TW, &[TW, GT]),
+        (learn, TW, &[TW, GT, LEARNT]),
         (motion, FD, &[]),
     ] {
         let exchanges = [LF, during].into_iter().chain(RESTORED);

@@ -153,11 +153,15 @@ impl CameraRole {
             sight
         };
         // Once is an accident.
-        match sight {
-            _ if self.looks.last_sight(target) != Some(sight) => {}
-            Sight::Hidden => self.on_eye(now, Eye::Hidden),
-            Sight::Several => self.on_eye(now, Eye::Several),
-            _ => {}
+        let refused = match sight {
+            Sight::Hidden => Some(Eye::Hidden),
+            Sight::Several => Some(Eye::Several),
+            _ => None,
+        };
+        if let Some(eye) = refused
+            && self.looks.last_sight(target) == Some(sight)
+        {
+            self.on_eye(now, eye);
         }
         let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();

@@ -284,12 +284,12 @@ impl<const N: usize> Steadiness<N> {
             height: median(&values(|blob| blob.bottom - blob.top)),
             unit,
             filled: median(&values(|blob| f32::from(blob.confidence))) as u8,
-            is_cut: whole().any(|blob| blob.is_cut),
+            is_cut: matches!(self.window.back(), Some(Some(blob)) if blob.is_cut),
         };
-        let doubt = self.doubt(&outline)?;
-        let more = self.excess(&outline);
-        if more > 0.0 && !outline.is_cut {
-            return Err(Unsteady::Wide { by: more });
+        let lack = self.lack(&outline);
+        let doubt = doubt(&outline, lack)?;
+        if is_wide(&outline, lack) && !outline.is_cut {
+            return Err(Unsteady::Wide { by: -lack });
         }
         self.sparse(&outline)?;
         let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
@@ -319,11 +319,12 @@ impl<const N: usize> Steadiness<N> {
             is_cut: blob.is_cut,
         };
         // The look of two objects in one box is no reason to doubt one of them.
-        let is_wide = self.excess(&outline) > 0.0;
+        let lack = self.lack(&outline);
+        let is_wide = is_wide(&outline, lack);
         let doubt = if is_wide {
             0.0
         } else {
-            self.doubt(&outline).ok()?
+            doubt(&outline, lack).ok()?
         };
         let steady = Steady {
             left: blob.left,
@@ -334,23 +335,6 @@ impl<const N: usize> Steadiness<N> {
             confidence: blob.confidence,
         };
         Some(Glance { steady, is_wide })
-    }
-
-    /// Standard deviation of the direction by doubts on the shape, columns.
-    fn doubt(&self, outline: &Outline) -> Result<f32, Unsteady> {
-        let &Outline {
-            left, right, unit, ..
-        } = outline;
-        let width = right - left;
-        let off = beyond(outline.centroid, (left + right) * 0.5, unit);
-        let missing = self.missing(outline);
-        if off > width * LOPSIDED && off > 0.0 {
-            return Err(Unsteady::Lopsided { by: off });
-        }
-        if missing > (width + missing) * HIDDEN {
-            return Err(Unsteady::Lopsided { by: missing });
-        }
-        Ok((DOUBT * off).max(missing * 0.5))
     }
 
     /// Returns an error if it fills little of its box.
@@ -368,41 +352,47 @@ impl<const N: usize> Steadiness<N> {
         Ok(())
     }
 
-    /// Columns by which a round target is wider than its height; 0 unless by as much as a half hidden one is narrower.
-    fn excess(&self, outline: &Outline) -> f32 {
-        let width = outline.right - outline.left;
-        let more = width - self.round_width(outline).unwrap_or(width);
-        if more > NARROW * outline.unit && more > width * HIDDEN {
-            more
-        } else {
-            0.0
-        }
-    }
-
-    /// Width that a target lacks, columns; 0 if that may be rounding.
-    fn missing(&self, outline: &Outline) -> f32 {
-        let width = outline.right - outline.left;
-        let missing = self.round_width(outline).unwrap_or(width) - width;
-        if missing > NARROW * outline.unit {
-            missing
-        } else {
-            0.0
-        }
-    }
-
-    /// Width of a round target of this height, columns. A pin-hole stretches it away from the axis, by
-    /// `sqrt(1 + x x)` at the tangent `x`.
-    fn round_width(&self, outline: &Outline) -> Option<f32> {
+    /// Width that a round target lacks, columns; below 0 if it is too wide, and 0 if that may be rounding. A
+    /// pin-hole stretches it away from the axis, by `sqrt(1 + x x)` at the tangent `x`.
+    fn lack(&self, outline: &Outline) -> f32 {
         let Shape::Round {
             rows_per_column,
             tangent,
         } = self.shape
         else {
-            return None;
+            return 0.0;
         };
+        let width = outline.right - outline.left;
         let off = (outline.left + outline.right + 1.0 - f32::from(self.columns)) * 0.5 * tangent;
-        Some(outline.height / rows_per_column * ComplexField::sqrt(1.0 + off * off))
+        let round = outline.height / rows_per_column * ComplexField::sqrt(1.0 + off * off);
+        if (round - width).abs() > NARROW * outline.unit {
+            round - width
+        } else {
+            0.0
+        }
     }
+}
+
+/// Returns true if a target that lacks so much of its width is wider than tall by as much as a half hidden one is
+/// narrower.
+fn is_wide(outline: &Outline, lack: f32) -> bool {
+    lack < -HIDDEN * (outline.right - outline.left)
+}
+
+/// Standard deviation of the direction by doubts on the shape of a target that lacks so much of its width, columns.
+fn doubt(outline: &Outline, lack: f32) -> Result<f32, Unsteady> {
+    let &Outline {
+        left, right, unit, ..
+    } = outline;
+    let width = right - left;
+    let off = beyond(outline.centroid, (left + right) * 0.5, unit);
+    if off > width * LOPSIDED && off > 0.0 {
+        return Err(Unsteady::Lopsided { by: off });
+    }
+    if lack > (width + lack) * HIDDEN {
+        return Err(Unsteady::Lopsided { by: lack });
+    }
+    Ok((DOUBT * off).max(lack * 0.5))
 }
 
 impl Steady {
