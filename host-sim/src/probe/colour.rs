@@ -77,8 +77,9 @@ where
         frame,
         first,
         middle: Window::central(frame),
-        around: background::surroundings(frame, first)
+        around: background::parts(frame, first)
             .into_iter()
+            .take(4)
             .flatten()
             .collect(),
     };
@@ -127,7 +128,7 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
             && peeled.background < judged.background
             && !peeled.background.is_hopeless()
         {
-            let seen = self.look(peeled.bounds, background::middle(self.frame, self.first))?;
+            let seen = self.look(peeled.bounds, background::parts(self.frame, self.first)[4])?;
             if learning.is_whole(seen) {
                 judged.best = Ok(peeled);
             }

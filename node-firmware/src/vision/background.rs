@@ -89,8 +89,9 @@ pub fn is_one_object(seen: &Tracking, frame: Size) -> bool {
             && 2 * box_area(seen) < area(frame)
 }
 
-/// The outer eighths of a view whose first column and row have this number: left, right, above and below.
-pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
+/// The outer eighths of a view whose first column and row have this number: left, right, above and below; then the
+/// middle.
+pub fn parts(frame: Size, first: u8) -> [Option<Window>; 5] {
     let Size { width, height } = frame;
     let (across, down) = (width / 8, height / 8);
     let (right, low) = (width - across, height - down);
@@ -100,6 +101,7 @@ pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
         [right, 0, width, height],
         [across, 0, right, down],
         [across, low, right, height],
+        [across, down, right, low],
     ];
     parts.map(|[x, y, x2, y2]| {
         let last = |end: u8| end.saturating_sub(1).saturating_add(first);
@@ -108,17 +110,7 @@ pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
     })
 }
 
-/// The view without its [`surroundings`].
-pub fn middle(frame: Size, first: u8) -> Option<Window> {
-    let side = |length: u8| {
-        let from = (length / 8).saturating_add(first);
-        (from, (length - length / 8 - 1).saturating_add(first))
-    };
-    let ((x, x2), (y, y2)) = (side(frame.width), side(frame.height));
-    Window::new(x, y, x2, y2).ok()
-}
-
-/// Pixels of [`surroundings`].
+/// Pixels of the outer [`parts`].
 pub fn surrounding_pixels(frame: Size) -> u32 {
     let inner = |side: u8| u32::from(side - side / 8 * 2);
     area(frame) - inner(frame.width) * inner(frame.height)
@@ -143,7 +135,7 @@ mod tests {
         for (width, height) in [(88, 143), (87, 143), (176, 255), (160, 239)] {
             let frame = Size { width, height };
             for first in [0, 1] {
-                let windows = surroundings(frame, first).map(Option::unwrap);
+                let [windows @ .., middle] = parts(frame, first).map(Option::unwrap);
                 let within = |x: u8, y: u8| {
                     let has = |window: &&Window| {
                         let [x1, y1, x2, y2] = window.corners();
@@ -161,7 +153,7 @@ mod tests {
                     }
                 }
                 assert_eq!(count, surrounding_pixels(frame));
-                let [x1, y1, x2, y2] = middle(frame, first).unwrap().corners();
+                let [x1, y1, x2, y2] = middle.corners();
                 let inner = u32::from(x2 - x1 + 1) * u32::from(y2 - y1 + 1);
                 assert_eq!(count + inner, area(frame));
                 assert_eq!(within(x1, y1) + within(x2, y2), 0);

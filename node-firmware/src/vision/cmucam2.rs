@@ -24,7 +24,7 @@
 
 use cmucam2_driver::{
     Cmucam2, Command, Error,
-    colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN},
+    colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
     device::{Clock, SummedDelays},
     geometry::{Sensor, Size},
     session::{Fault, Learn, StartUp},
@@ -279,9 +279,13 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
 
 /// The same colours in the levels that a CMUcam2 has.
 fn bounds(window: &ColourWindow) -> Option<ColourBounds> {
-    let ColourWindow { red, green, blue } = *window;
-    let [[a, b], [c, d], [e, f]] = [red, green, blue];
-    let levels = [a, b, c, d, e, f].map(|level| level.clamp(LEVEL_MIN, LEVEL_MAX));
-    let bounds = ColourBounds::new(levels).ok();
-    bounds.filter(|_| window.is_ordered())
+    let range = |[lowest, highest]: [u8; 2]| {
+        let cut = |level: u8| level.clamp(LEVEL_MIN, LEVEL_MAX);
+        (lowest <= highest).then(|| LevelRange::new(cut(lowest), cut(highest)).ok())?
+    };
+    Some(ColourBounds {
+        red: range(window.red)?,
+        green: range(window.green)?,
+        blue: range(window.blue)?,
+    })
 }

@@ -2,10 +2,10 @@
 //!
 //! A camera learns the mean of its middle and some levels to either side. Of a ball in a slanting light that holds
 //! a crescent, whose edges are those of a shadow. So bounds are tried on the picture from which they were learnt:
-//! somewhat narrower ones, those that were learnt, then wider ones, as long as no more of the background has them.
-//! The outline of an object stays where it is while bounds grow; the edge of a shadow moves, and so does that of
-//! something else that joins. The bounds are the narrowest of the learnt ones and wider ones from which on the
-//! outline stays. If it never does, the object was not seen whole, and nothing is learnt.
+//! those that were learnt, then wider ones, as long as the background has little of them. The outline of an object
+//! stays where it is while bounds grow; the edge of a shadow moves, and so does that of something else that joins.
+//! The bounds are the narrowest ones from which on the outline stays. If it never does, the object was not seen
+//! whole, and nothing is learnt.
 //!
 //! [`Learning`] has no input of its own: it tells the [steps](Step) that a camera is to make, and takes in what
 //! that sees.
@@ -19,30 +19,27 @@ use cmucam2_driver::{
 
 use super::{BackgroundShare, VisionError, background};
 
-/// Levels by which the first bounds are narrower than those that were learnt.
-const NARROWER: i16 = 8;
-
 /// Levels by which bounds grow each time.
-const GROWTH: i16 = 16;
+const GROWTH: u8 = 16;
 
-/// Bounds in all: narrower ones, the learnt ones, wider ones.
-const TRIALS: u8 = 7;
+/// Bounds in all: the learnt ones, and wider ones.
+const TRIALS: u8 = 6;
 
-/// Columns or rows by which an edge that stays may be elsewhere.
+/// Columns by which an edge that stays may be elsewhere.
 const EDGE: u8 = 2;
 
 /// By how much an object that stays may fill its box more or less, 256 times the share.
 const FILL: u8 = 16;
 
-/// Views with the same bounds: the whole one, its [surroundings](background::surroundings), its
-/// [middle](background::middle), and the whole one again.
+/// Views with the same bounds: the whole one, its [parts](background::parts), and the whole one again.
 const WHOLE: usize = 0;
 const MIDDLE: usize = 5;
 
 /// A search. See the [module](self).
 #[derive(Clone, Debug)]
 pub struct Learning {
-    learnt: ColourBounds,
+    /// Those of the trial.
+    bounds: ColourBounds,
     frame: Size,
     first: u8,
     trials: u8,
@@ -51,7 +48,12 @@ pub struct Learning {
     count: u32,
     /// Share of the background that has the learnt bounds.
     share: BackgroundShare,
-    found: Option<Found>,
+    /// Outline of the last trials, and the narrowest bounds that show it, with the share of the background that has
+    /// them.
+    outline: Outline,
+    held: (ColourBounds, BackgroundShare),
+    /// More than one trial showed it.
+    stays: bool,
 }
 
 /// The next thing that a camera does.
@@ -72,54 +74,35 @@ impl From<Step> for Command {
     }
 }
 
-/// An outline: its edges, and how much of its box it fills.
-type Outline = [u8; 5];
-
-/// An outline, and the narrowest bounds that show it.
-#[derive(Clone, Debug)]
-struct Found {
-    /// Levels by which they are wider than the learnt ones.
-    wider: i16,
-    outline: Outline,
-    /// Wider bounds show it, too.
-    stays: bool,
-}
+/// Left and right edge of an object, and how much of its box it fills; 0 of none.
+type Outline = [u8; 3];
 
 impl Learning {
     /// A search that begins with the bounds that a camera has learnt in the middle of such a frame, whose first
     /// column and row have the number `first`.
     pub fn new(learnt: ColourBounds, frame: Size, first: u8) -> Self {
         Self {
-            learnt,
+            bounds: learnt,
             frame,
             first,
             trials: 0,
             view: WHOLE,
             count: 0,
             share: BackgroundShare::NONE,
-            found: None,
-        }
-    }
-
-    /// Levels by which the bounds of the trial are wider than those that were learnt.
-    fn wider(&self) -> i16 {
-        match self.trials {
-            0 => -NARROWER,
-            trials => i16::from(trials - 1) * GROWTH,
+            outline: [0; 3],
+            held: (learnt, BackgroundShare::NONE),
+            stays: false,
         }
     }
 
     /// The next step; `None` when the search is over.
     pub fn step(&self) -> Option<Step> {
-        match self.view {
-            WHOLE if self.trials >= TRIALS => None,
-            WHOLE => Some(Step::Bounds(self.learnt.widened(self.wider()))),
-            MIDDLE => Some(Step::View(background::middle(self.frame, self.first))),
-            view => {
-                let parts = background::surroundings(self.frame, self.first);
-                Some(Step::View(parts.get(view - 1).copied().flatten()))
-            }
+        if self.view != WHOLE {
+            let parts = background::parts(self.frame, self.first);
+            let part = parts.get(self.view - 1).copied();
+            return Some(Step::View(part.flatten()));
         }
+        (self.trials < TRIALS).then_some(Step::Bounds(self.bounds))
     }
 
     /// Takes in the packet that was seen after the [step](Self::step) of a camera that tracks.
@@ -147,25 +130,22 @@ impl Learning {
 
     /// Takes in the object that the bounds of a trial show, and the share of the background that has them.
     fn on_trial(&mut self, share: BackgroundShare, seen: Option<Tracking>) {
-        let wider = self.wider();
+        if self.trials == 0 {
+            self.share = share;
+        }
         self.trials += 1;
-        match self.trials {
-            1 => {}
-            2 => self.share = share,
-            _ if share > self.share => return self.trials = TRIALS,
-            _ => {}
+        if share.is_hopeless() {
+            return self.trials = TRIALS;
         }
-        let outline = seen.and_then(|seen| self.outline(&seen));
-        match (&mut self.found, outline) {
-            (Some(found), Some(outline)) if found.shows(outline) => found.stays = self.trials > 1,
-            (found, outline) => {
-                *found = outline.map(|outline| Found {
-                    wider: wider.max(0),
-                    outline,
-                    stays: false,
-                });
-            }
+        let outline = self.outline(seen);
+        let most = [EDGE, EDGE, FILL];
+        let mut pairs = outline.iter().zip(self.outline).zip(most);
+        self.stays = outline != [0; 3] && pairs.all(|((a, b), most)| a.abs_diff(b) <= most);
+        if !self.stays {
+            self.outline = outline;
+            self.held = (self.bounds, share);
         }
+        self.bounds = self.bounds.widened(GROWTH);
     }
 
     /// Share of the background that has the learnt bounds, once they were tried.
@@ -178,22 +158,27 @@ impl Learning {
     /// # Errors
     /// [`VisionError::CommonColour`], [`VisionError::PartOfObject`].
     pub fn verdict(&self) -> Result<(ColourBounds, BackgroundShare), VisionError> {
-        match &self.found {
-            _ if self.share.is_hopeless() => Err(VisionError::CommonColour(self.share)),
-            Some(found) if found.stays => Ok((self.learnt.widened(found.wider), self.share)),
-            _ => Err(VisionError::PartOfObject),
+        if self.share.is_hopeless() {
+            Err(VisionError::CommonColour(self.share))
+        } else if self.stays {
+            Ok(self.held)
+        } else {
+            Err(VisionError::PartOfObject)
         }
     }
 
     /// Returns true if a look at the middle of the view shows one compact thing that is whole there.
     pub fn is_whole(mut self, seen: Option<Tracking>) -> bool {
         self.view = MIDDLE;
-        seen.is_some_and(|seen| self.outline(&seen).is_some())
+        self.outline(seen) != [0; 3]
     }
 
     /// The outline of one compact thing that is whole in the middle.
-    fn outline(&self, seen: &Tracking) -> Option<Outline> {
-        let (found, fill) = seen.bounding_box().zip(seen.confidence())?;
+    fn outline(&self, seen: Option<Tracking>) -> Outline {
+        let told = seen.and_then(|seen| seen.bounding_box().zip(seen.confidence()));
+        let Some((found, fill)) = told else {
+            return [0; 3];
+        };
         // Frames may be a column narrower, and numbers those of the frame or of the window.
         let is_whole = |from: u8, to: u8, side: u8| {
             let (middle, eighth) = (side / 2, side / 8);
@@ -206,15 +191,10 @@ impl Learning {
         let is_object = fill >= background::COMPACT
             && is_whole(found.x1, found.x2, self.frame.width)
             && is_whole(found.y1, found.y2, self.frame.height);
-        is_object.then_some([found.x1, found.y1, found.x2, found.y2, fill])
-    }
-}
-
-impl Found {
-    fn shows(&self, outline: Outline) -> bool {
-        let most = [EDGE, EDGE, EDGE, EDGE, FILL];
-        let mut pairs = self.outline.iter().zip(outline).zip(most);
-        pairs.all(|((a, b), most)| a.abs_diff(b) <= most)
+        match is_object {
+            true => [found.x1, found.x2, fill],
+            false => [0; 3],
+        }
     }
 }
 
@@ -232,7 +212,7 @@ mod tests {
     const CRESCENT: [u8; 8] = [49, 56, 41, 34, 56, 108, 13, 22];
     const LOST: [u8; 8] = [0; 8];
 
-    /// Looks beyond which more of the background has the bounds than that; the red that is learnt.
+    /// Looks beyond which the background has the bounds; the red that is learnt.
     fn learn(looks: &[[u8; 8]]) -> Result<[u8; 2], VisionError> {
         let learnt = ColourBounds::new([130, 190, 70, 130, 16, 76]).unwrap();
         let mut learning = Learning::new(learnt, FRAME, 1);
@@ -240,7 +220,7 @@ mod tests {
         while learning.step().is_some() {
             let (share, seen) = match looks.next() {
                 Some(&seen) => (BackgroundShare::NONE, Some(Tracking::new(seen))),
-                None => (BackgroundShare { thousandths: 1 }, None),
+                None => (BackgroundShare { thousandths: 10 }, None),
             };
             learning.on_trial(share, seen);
         }
@@ -248,7 +228,7 @@ mod tests {
         Ok([bounds.red.min(), bounds.red.max()])
     }
 
-    /// Narrower, learnt and wider bounds show the outline that is given; then the background has them.
+    /// Learnt and wider bounds show the outline that is given; then the background has them.
     #[test]
     fn the_outline_stays() {
         const LEARNT: Result<[u8; 2], VisionError> = Ok([130, 190]);
@@ -257,13 +237,14 @@ mod tests {
         let cut_off = [30, 70, 1, 40, 53, 101, 255, 201];
         let small = [44, 70, 40, 60, 48, 80, 20, 201];
         for (looks, learnt) in [
-            (&[BALL; 7][..], LEARNT),
+            (&[BALL; 6][..], LEARNT),
             (&[BALL; 2], LEARNT),
+            (&[BALL], PART),
             // Wider ones find more of it, and stay there.
-            (&[CRESCENT, LIT, SHADED, BALL, BALL], Ok([98, 222])),
-            (&[LOST, LOST, BALL, BALL, BALL], Ok([114, 206])),
+            (&[CRESCENT, LIT, SHADED, BALL, BALL], Ok([82, 238])),
+            (&[LOST, LOST, BALL, BALL, BALL], Ok([98, 222])),
             // A lit part is compact, too: only wider bounds show that it is not all.
-            (&[LIT, LIT, LIT, BALL, BALL], Ok([98, 222])),
+            (&[LIT, LIT, LIT, BALL, BALL], Ok([82, 238])),
             (&[LIT, LIT, LIT, BALL], PART),
             (&[SHADED, SHADED, BALL], PART),
             (&[LIT, BALL], PART),
@@ -324,6 +305,6 @@ mod tests {
         let thousandths = (197 * 8 * 1_000_u32).div_ceil(12_584 - 66 * 109) as u16;
         let share = BackgroundShare { thousandths };
         assert_eq!(learning.verdict(), Err(VisionError::CommonColour(share)));
-        assert_eq!(steps, 7 * 7);
+        assert_eq!(steps, 7);
     }
 }

@@ -171,7 +171,7 @@ pub enum Unsteady {
     },
     /// It fills little of its box.
     Sparse {
-        /// Percent.
+        /// 256 times the share.
         filled: u8,
     },
 }
@@ -204,8 +204,9 @@ impl fmt::Display for Unsteady {
             ),
             Self::Sparse { filled } => write!(
                 f,
-                "the tracked pixels fill {filled} % of their box: something else in view has this colour, or only \
-                 a part of the object has it"
+                "the tracked pixels fill {} % of their box: something else in view has this colour, or only \
+                 a part of the object has it",
+                u16::from(*filled) * 100 / 256
             ),
         }
     }
@@ -346,8 +347,9 @@ impl<const N: usize> Steadiness<N> {
         // Blocks of frame differencing need not touch each other.
         let is_known = outline.filled > 0 && outline.unit < 2.0;
         if is_known && outline.right - outline.left >= SMALL && outline.filled < least {
-            let filled = (u16::from(outline.filled) * 100 / 256) as u8;
-            return Err(Unsteady::Sparse { filled });
+            return Err(Unsteady::Sparse {
+                filled: outline.filled,
+            });
         }
         Ok(())
     }
