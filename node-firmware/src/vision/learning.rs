@@ -25,8 +25,9 @@ const GROWTH: u8 = 16;
 /// Bounds in all: the learnt ones, and wider ones.
 const TRIALS: u8 = 6;
 
-/// Columns by which an edge that stays may be elsewhere.
-const EDGE: u8 = 2;
+/// Columns and rows by which an edge that stays may be elsewhere: rows are half as high.
+const COLUMNS: u8 = 1;
+const ROWS: u8 = 2;
 
 /// By how much an object that stays may fill its box more or less, 256 times the share.
 const FILL: u8 = 16;
@@ -74,8 +75,8 @@ impl From<Step> for Command {
     }
 }
 
-/// Left and right edge of an object, and how much of its box it fills; 0 of none.
-type Outline = [u8; 3];
+/// Edges of an object, and how much of its box it fills; 0 of none.
+type Outline = [u8; 5];
 
 impl Learning {
     /// A search that begins with the bounds that a camera has learnt in the middle of such a frame, whose first
@@ -89,7 +90,7 @@ impl Learning {
             view: WHOLE,
             count: 0,
             share: BackgroundShare::NONE,
-            outline: [0; 3],
+            outline: [0; 5],
             held: (learnt, BackgroundShare::NONE),
             stays: false,
         }
@@ -138,9 +139,9 @@ impl Learning {
             return self.trials = TRIALS;
         }
         let outline = self.outline(seen);
-        let most = [EDGE, EDGE, FILL];
+        let most = [COLUMNS, ROWS, COLUMNS, ROWS, FILL];
         let mut pairs = outline.iter().zip(self.outline).zip(most);
-        self.stays = outline != [0; 3] && pairs.all(|((a, b), most)| a.abs_diff(b) <= most);
+        self.stays = outline != [0; 5] && pairs.all(|((a, b), most)| a.abs_diff(b) <= most);
         if !self.stays {
             self.outline = outline;
             self.held = (self.bounds, share);
@@ -170,14 +171,14 @@ impl Learning {
     /// Returns true if a look at the middle of the view shows one compact thing that is whole there.
     pub fn is_whole(mut self, seen: Option<Tracking>) -> bool {
         self.view = MIDDLE;
-        self.outline(seen) != [0; 3]
+        self.outline(seen) != [0; 5]
     }
 
     /// The outline of one compact thing that is whole in the middle.
     fn outline(&self, seen: Option<Tracking>) -> Outline {
         let told = seen.and_then(|seen| seen.bounding_box().zip(seen.confidence()));
         let Some((found, fill)) = told else {
-            return [0; 3];
+            return [0; 5];
         };
         // Frames may be a column narrower, and numbers those of the frame or of the window.
         let is_whole = |from: u8, to: u8, side: u8| {
@@ -192,8 +193,8 @@ impl Learning {
             && is_whole(found.x1, found.x2, self.frame.width)
             && is_whole(found.y1, found.y2, self.frame.height);
         match is_object {
-            true => [found.x1, found.x2, fill],
-            false => [0; 3],
+            true => [found.x1, found.y1, found.x2, found.y2, fill],
+            false => [0; 5],
         }
     }
 }
