@@ -39,9 +39,9 @@ pub enum Eye {
     Blind,
     /// It does not start, or its picture does not change.
     Failed,
-    /// What it saw of the target last was hidden in part, twice.
+    /// The target was hidden in part when it was seen last, twice.
     Hidden,
-    /// What it saw of the target last was not alone, twice: something else has its colour, or only a part of it has.
+    /// The target was not alone when it was seen last, twice: something else has its colour, or only a part of it has.
     Several,
 }
 
