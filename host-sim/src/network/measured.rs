@@ -1,7 +1,7 @@
 //! Measurements of a run's nodes, as input of another solution.
 
 use node_firmware::config::RoleConfig;
-use results::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings};
+use results::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings, Surveyed};
 
 use super::{Simulation, console::Console, outcome::Numbers};
 use site::{Network, TargetNode};
@@ -46,12 +46,18 @@ pub(super) fn sightings(
             principal_deg: config.lens_sigma.principal_deg.into(),
         })
     });
+    let surveyed = Surveyed {
+        baseline_sigma: network.told.baseline.unwrap_or_default(),
+        position_sigma: network.told.place,
+    };
     Sightings {
         lens,
         references: network.home.is_none().then_some(References {
             cameras: references,
             baseline: network.known.baseline,
         }),
+        survey: (surveyed.baseline_sigma > 0.0 || surveyed.position_sigma > 0.0)
+            .then_some(surveyed),
         frame_heading_deg: network.known.frame_heading.map(f64::to_degrees),
         carriers: carriers.collect(),
         bearings,

@@ -20,6 +20,7 @@ use super::{
     error::ScenarioError,
     file::{NetworkTable, PlacedCamera, Scenario, TargetTable, orange},
     firmware::{COLOUR_TOLERANCE, FirmwareTable},
+    planner::Told,
 };
 use cmucam2_emulator::Rgb;
 
@@ -322,27 +323,9 @@ impl Maker<'_> {
         } else {
             colours.iter().position(|(c, _)| *c == table.colour)
         };
-        // One for all cameras: that of the lens which is known least.
-        let sigmas = self.network.cameras.iter().map(|placed| {
-            let table = self.scenario.camera.for_camera(placed);
-            table.lens_sigma()
-        });
-        let lens_sigma = sigmas.fold(LensSigma::EXACT, |all, one| LensSigma {
-            focal: all.focal.max(one.focal),
-            principal_deg: all.principal_deg.max(one.principal_deg),
-        });
-        let references = &self.network.references;
-        let measured = SurveySigma::MEASURED;
         TargetConfig {
-            lens_sigma,
-            survey_sigma: SurveySigma {
-                baseline: references
-                    .baseline_sigma
-                    .map_or(measured.baseline, |sigma| sigma as f32),
-                position: references
-                    .position_sigma
-                    .map_or(self.scenario.of_metres(measured.position), |s| s as f32),
-            },
+            lens_sigma: self.scenario.lens_sigma(self.network),
+            survey_sigma: self.scenario.survey_sigma(self.network),
             colour: colour.unwrap_or(0) as u8,
             roams: self
                 .scenario
@@ -373,6 +356,41 @@ impl Scenario {
     }
 
     /// A target's parameters but for the number of its colour.
+    /// One for all cameras of a network: that of the lens which is known least.
+    fn lens_sigma(&self, network: &NetworkTable) -> LensSigma {
+        let sigmas = network.cameras.iter().map(|placed| {
+            let table = self.camera.for_camera(placed);
+            table.lens_sigma()
+        });
+        sigmas.fold(LensSigma::EXACT, |all, one| LensSigma {
+            focal: all.focal.max(one.focal),
+            principal_deg: all.principal_deg.max(one.principal_deg),
+        })
+    }
+
+    fn survey_sigma(&self, network: &NetworkTable) -> SurveySigma {
+        let references = &network.references;
+        let measured = SurveySigma::MEASURED;
+        SurveySigma {
+            baseline: references
+                .baseline_sigma
+                .map_or(measured.baseline, |sigma| sigma as f32),
+            position: references
+                .position_sigma
+                .map_or(self.of_metres(measured.position), |s| s as f32),
+        }
+    }
+
+    /// Knowledge that the target of a network has of it before it walks. `known` is what of the frame is told.
+    pub(crate) fn told(&self, network: &NetworkTable, known: &Known<f64>) -> Told {
+        let survey = self.survey_sigma(network);
+        Told {
+            lens: self.lens_sigma(network).of_tangent().map(f64::from),
+            baseline: known.baseline.map(|_| survey.baseline.into()),
+            place: known.baseline.map_or(0.0, |_| survey.position.into()),
+        }
+    }
+
     pub(crate) fn target_config(&self, table: &TargetTable) -> TargetConfig {
         let usual = TargetConfig::default();
         let mut target = TargetConfig {

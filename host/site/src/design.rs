@@ -6,12 +6,12 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 use serde::Serialize;
 
 use crate::{
-    Network, Scenario, ScenarioError, Site,
-    planner::{Ground, Noise, Wish, bound, known_beforehand, of_reference_stop, of_sighting},
+    CameraNode, Network, Scenario, ScenarioError, Site, TargetNode,
+    planner::{Ground, Noise, Redundancy, Survey, Wish, bound, of_sighting},
     put_up,
     world::{Camera, World},
 };
@@ -35,6 +35,10 @@ const RADIUS: f64 = 0.15;
 pub struct Design {
     /// Why it cannot be calibrated as it is, if so.
     pub problem: Option<String>,
+    /// The worst that is to be expected, in a sentence.
+    pub verdict: String,
+    /// Every pose is expected to be as certain as asked for.
+    pub good: bool,
     /// Its cameras, network by network.
     pub cameras: Vec<Expected>,
     /// Where targets stop in the rehearsal, of all networks.
@@ -58,13 +62,12 @@ pub struct Expected {
     pub range: f64,
     /// Number of the stops that it would measure.
     pub stops: usize,
-    /// Bound on the standard deviation of its place, as the root of the sum over both axes; `None`
-    /// if the stops leave something undetermined. The error of the references, which moves all alike,
-    /// is not in it.
+    /// Standard deviation of its place, as the root of the sum over both axes, that the joint estimate of a target
+    /// would tell: carrier, lenses and references included. `None` of a camera that sees too few stops.
     pub sigma_position: Option<f64>,
-    /// Bound on the standard deviation of its heading, degrees.
+    /// The same of its heading, degrees.
     pub sigma_heading_deg: Option<f64>,
-    /// Bound on the covariance of its `(x, y)`.
+    /// Covariance of its `(x, y)`.
     pub covariance: Option<[[f64; 2]; 2]>,
 }
 
@@ -159,26 +162,85 @@ impl Design {
     pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let prospect = Prospect::new(scenario)?;
         let cameras = prospect.known.iter().zip(prospect.site.world.cameras());
-        let cameras = cameras.map(|(known, camera)| Expected {
-            network: known.network,
-            id: known.id,
-            reference: known.reference,
-            field_of_view_deg: (camera.lens.bearing(0.0).abs() * 2.0).to_degrees(),
-            range: camera.range,
-            stops: known.stops,
-            sigma_position: known.covariance.map(|v| (v.m11 + v.m22).sqrt()),
-            sigma_heading_deg: known.covariance.map(|v| v.m33.sqrt().to_degrees()),
-            covariance: known.covariance.map(|v| [[v.m11, v.m12], [v.m21, v.m22]]),
-        });
+        let cameras: Vec<_> = { cameras }
+            .map(|(known, camera)| Expected {
+                network: known.network,
+                id: known.id,
+                reference: known.reference,
+                field_of_view_deg: (camera.lens.bearing(0.0).abs() * 2.0).to_degrees(),
+                range: camera.range,
+                stops: known.stops,
+                sigma_position: known.covariance.map(|v| (v.m11 + v.m22).sqrt()),
+                sigma_heading_deg: known.covariance.map(|v| v.m33.sqrt().to_degrees()),
+                covariance: known.covariance.map(|v| [[v.m11, v.m12], [v.m21, v.m22]]),
+            })
+            .collect();
+        let (verdict, good) = match &prospect.problem {
+            Some(problem) => (problem.clone(), false),
+            None => judged(scenario, &cameras),
+        };
         let targets = prospect.site.networks.iter().flat_map(|n| &n.targets);
         let stops = targets.flat_map(|target| &target.stops);
         Ok(Self {
-            cameras: cameras.collect(),
+            verdict,
+            good,
+            cameras,
             stops: stops.map(|&stop| stop.into()).collect(),
             coverage: prospect.coverage(),
             problem: prospect.problem,
         })
     }
+}
+
+/// The worst that is to be expected of these cameras, and true if no pose would be weak.
+fn judged(scenario: &Scenario, cameras: &[Expected]) -> (String, bool) {
+    let [place, heading] = put_up::limits(scenario);
+    let unit = &scenario.unit;
+    let named = |chosen: &[&Expected]| -> (String, bool) {
+        let ids: Vec<_> = chosen.iter().map(|camera| camera.id.to_string()).collect();
+        match ids.as_slice() {
+            [one] => (format!("camera {one}"), true),
+            many => (format!("cameras {}", many.join(", ")), false),
+        }
+    };
+    let worst = |chosen: &[&Expected]| {
+        let sigmas = chosen.iter().filter_map(|camera| camera.sigma_position);
+        sigmas.fold(0.0, f64::max)
+    };
+    let all: Vec<&Expected> = cameras.iter().collect();
+    let is_lost = |camera: &&&Expected| camera.sigma_position.is_none();
+    let lost: Vec<&Expected> = all.iter().filter(is_lost).copied().collect();
+    let is_weak = |camera: &&&Expected| {
+        let is_beyond = |sigma: Option<f64>, limit: f64| sigma.is_some_and(|sigma| sigma > limit);
+        is_beyond(camera.sigma_position, place)
+            || is_beyond(camera.sigma_heading_deg, heading.to_degrees())
+    };
+    let weak: Vec<&Expected> = all.iter().filter(is_weak).copied().collect();
+    if lost.len() == all.len() {
+        return ("No stops: nothing is known of poses.".to_owned(), false);
+    }
+    if !lost.is_empty() {
+        let (names, is_one) = named(&lost);
+        let pose = if is_one { "pose" } else { "poses" };
+        return (
+            format!("The stops do not tell the {pose} of {names}."),
+            false,
+        );
+    }
+    if !weak.is_empty() {
+        let (names, _) = named(&weak);
+        let to = worst(&weak);
+        let asked = format!("{place} {unit} and {:.1} degrees", heading.to_degrees());
+        let what = format!(
+            "The stops leave {names} weak: to {to:.3} {unit} at worst, where {asked} are asked for."
+        );
+        return (what, false);
+    }
+    let what = format!(
+        "Each pose can be found, to {:.3} {unit} at worst.",
+        worst(&all)
+    );
+    (what, true)
 }
 
 impl Advice {
@@ -256,6 +318,12 @@ fn sigma(information: &Matrix2<f64>) -> Option<f64> {
     bound(information).map(|covariance| covariance.trace().sqrt())
 }
 
+/// Places of a network's cameras in the order of a survey: the references first.
+fn survey_order(network: &Network) -> Vec<usize> {
+    let others = (0..network.cameras.len()).filter(|place| !network.references.contains(place));
+    network.references.into_iter().chain(others).collect()
+}
+
 impl Prospect {
     fn new(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let bare = put_up::furnish(scenario).map_err(|error| scenario.located(error))?;
@@ -303,54 +371,59 @@ impl Prospect {
         let stops: Vec<_> = visitors
             .flat_map(|(_, network)| network.targets.iter().flat_map(|t| t.stops.clone()))
             .collect();
-        let references = network.references.map(|index| network.cameras[index].index);
-        let pair = self.references(network, references, &stops);
-        let of = |node: &crate::CameraNode| {
+        let walks: Vec<_> = { network.targets.iter() }
+            .filter(|_| network.home.is_none())
+            .filter_map(|target| self.walk(network, target))
+            .collect();
+        let of = |(place, node): (usize, &CameraNode)| {
             let camera = &world.cameras()[node.index];
             let seen = stops.iter().filter(|&&stop| ground.suits(node.index, stop));
             let seen: Vec<_> = seen.collect();
             let information = { seen.iter() }
                 .map(|&&stop| of_sighting(camera, stop, &self.noise))
                 .sum();
-            let place = references.iter().position(|&index| index == node.index);
-            let place = place.filter(|_| network.home.is_none());
+            let reference = network.home.is_none() && network.references.contains(&place);
+            let least = if reference { 1 } else { 3 };
+            let order = survey_order(network);
+            let own = order.iter().position(|&other| other == place);
+            let place_of = |covariance: &Matrix3<f64>| covariance.m11 + covariance.m22;
+            let told = walks.iter().filter_map(|walk| Some(walk.covariance(own?)));
+            let best = told.min_by(|a, b| place_of(a).total_cmp(&place_of(b)));
+            // Less certain than the camera sees far, nothing is told.
+            let best = best.filter(|told| place_of(told) < camera.range.powi(2));
             Known {
                 network: number,
                 id: node.id,
-                reference: place.is_some(),
+                reference,
                 stops: seen.len(),
                 information,
-                covariance: match place {
-                    Some(place) => pair.map(|pair| pair[place]),
-                    None if seen.len() < 3 => None,
-                    None => bound(&information),
+                covariance: match network.home {
+                    _ if seen.len() < least => None,
+                    None => best,
+                    // Its own sightings of a target that knows where it is.
+                    Some(_) => bound(&information),
                 },
             }
         };
-        network.cameras.iter().map(of).collect()
+        network.cameras.iter().enumerate().map(of).collect()
     }
 
-    /// Covariances of the references: their places are the frame.
-    fn references(
-        &self,
-        network: &Network,
-        indices: [usize; 2],
-        stops: &[Point2<f64>],
-    ) -> Option<[Matrix3<f64>; 2]> {
+    /// Everything that a target would know at the end of its walk, as its joint estimate has it.
+    fn walk(&self, network: &Network, target: &TargetNode) -> Option<Redundancy> {
         let world = &self.site.world;
-        let ground = self.ground(world);
-        let cameras = indices.map(|index| &world.cameras()[index]);
-        let both = |stop: &&Point2<f64>| indices.iter().all(|&index| ground.suits(index, **stop));
-        let told: Matrix6<f64> = { stops.iter().filter(both) }
-            .map(|&stop| of_reference_stop(cameras, stop, &self.noise))
-            .sum();
-        let covariance = bound(&(told + known_beforehand(&network.known)))?;
-        let along = (cameras[1].place - cameras[0].place).normalize();
-        let second = along * along.transpose() * covariance.m66;
-        let mut found = [Matrix3::zeros(); 2];
-        found[1].fixed_view_mut::<2, 2>(0, 0).copy_from(&second);
-        (found[0].m33, found[1].m33) = (covariance.m11, covariance.m22);
-        Some(found)
+        let order = survey_order(network);
+        let cameras = order
+            .iter()
+            .map(|&place| world.cameras()[network.cameras[place].index]);
+        let obstacles = world.obstacles().to_vec();
+        let own = World::new(cameras.collect(), obstacles, Vec::new());
+        let noise = Noise {
+            standing: target.standing_sigma,
+            ..self.noise
+        };
+        let ground = self.ground(&own);
+        let survey = Survey::of_walk(&ground, &target.stops, &noise, target.steps, network.told);
+        survey.redundancy()
     }
 
     /// Cameras that would measure a target there.
@@ -575,24 +648,39 @@ mod tests {
     }
 
     #[test]
-    fn cameras_are_as_well_known_as_the_plan_says() {
-        let scenario = thesis();
-        let design = Design::of(&scenario).unwrap();
+    fn a_design_says_what_is_weak_and_what_is_lost() {
+        let design = Design::of(&thesis()).unwrap();
         assert_eq!(design.problem, None);
-        let site = scenario.put_up().unwrap();
-        let plan = site.networks[0].targets[0].plan.as_ref().unwrap();
-        assert_eq!(plan.cameras.len(), 11);
-        for (index, planned) in &plan.cameras {
-            let planned = planned.unwrap();
-            let sigma = design.cameras[*index].sigma_position.unwrap();
-            assert!((sigma / (planned.m11 + planned.m22).sqrt() - 1.0).abs() < 1e-9);
-        }
-        let references: Vec<_> = design.cameras.iter().filter(|c| c.reference).collect();
-        assert_eq!(references.len(), 2);
-        for (place, camera) in references.iter().enumerate() {
-            let planned = plan.references[(place, place)].sqrt().to_degrees();
-            assert!((camera.sigma_heading_deg.unwrap() / planned - 1.0).abs() < 1e-9);
-        }
+        let starts = |design: &Design, with: &str| {
+            assert!(design.verdict.starts_with(with), "{}", design.verdict);
+        };
+        starts(&design, "Each pose can be found, to 0.");
+        assert!(design.good);
+        let references = design.cameras.iter().filter(|camera| camera.reference);
+        let of_references: Vec<_> = references.map(|camera| camera.sigma_position).collect();
+        // The thesis promises their places.
+        assert_eq!(of_references, [Some(0.0); 2]);
+        let mut asked = thesis();
+        asked.firmware.weak_sigma = Some(1e-3);
+        let design = Design::of(&asked).unwrap();
+        starts(
+            &design,
+            "The stops leave cameras 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13 weak: to 0.",
+        );
+        assert!(!design.good);
+        let mut few = thesis();
+        let all = few.put_up().unwrap().networks[0].targets[0].stops.clone();
+        few.networks[0].targets[0].stops = Some(
+            all[..all.len() - 3]
+                .iter()
+                .map(|&stop| stop.into())
+                .collect(),
+        );
+        let design = Design::of(&few).unwrap();
+        starts(&design, "The stops do not tell the pose");
+        assert!(!design.good);
+        few.networks[0].targets[0].stops = Some(vec![all[0].into()]);
+        assert!(!Design::of(&few).unwrap().good);
     }
 
     /// The oracle solves for the place of a target.

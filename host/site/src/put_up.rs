@@ -16,7 +16,7 @@ use super::{
     check::{fault_rates, refuse},
     error::ScenarioError,
     file::{CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, TargetTable},
-    planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Tolerance},
+    planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Told, Tolerance},
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
 use cmucam2_emulator::{FaultRates, Lens, Rgb, Sensor};
@@ -61,6 +61,8 @@ pub struct Network {
     pub home: Option<usize>,
     /// Prior knowledge of the frame that its nodes are told.
     pub known: Known<f64>,
+    /// Accuracy of that, and of lenses, as its targets count with it.
+    pub told: Told,
     /// The frame in which the network reports.
     pub frame: Frame,
     /// Its targets.
@@ -112,6 +114,8 @@ pub struct TargetNode {
     pub plan: Option<Plan>,
     /// Errors of its step sensor.
     pub errors: SensorErrors,
+    /// Accuracy of its steps, as it counts with it.
+    pub steps: Steps,
     /// Direction of the x axis of its step sensor in the world, radians.
     pub axis: f64,
     /// Distance that it believes to stand off the place that it tells, standard deviation of each axis.
@@ -391,12 +395,14 @@ fn network(
         None if table.references.frame_heading_known() => frame.heading,
         None => 0.0,
     };
+    let known = table.known(&format!("network {number}"))?;
     Ok(Network {
         coordinator: table.coordinator.map_or(Point2::from(middle), Point2::from),
         references,
         elected: table.references.elected,
         home: table.references.frame_of.map(|number| number - 1),
-        known: table.known(&format!("network {number}"))?,
+        told: scenario.told(table, &known),
+        known,
         frame,
         targets: (first_target..)
             .zip(&table.targets)
@@ -407,6 +413,7 @@ fn network(
                 stops: Vec::new(),
                 plan: None,
                 errors: errors(scenario),
+                steps: steps(scenario, target),
                 axis,
                 standing_sigma: scenario.target_config(target).standing_sigma.into(),
             })
@@ -529,7 +536,8 @@ fn planned(
             columns: Noise::COLUMNS,
             standing: target.gait.standing_sigma(),
         },
-        steps: steps(scenario, own, target),
+        steps: target.steps,
+        told: network.told,
         tolerance: tolerance(scenario),
         path: scenario.path,
         seed: scenario.scattered_by.unwrap_or(0),
@@ -595,8 +603,8 @@ fn far_apart(scenario: &Scenario) -> Option<ScenarioError> {
 }
 
 /// Accuracy with which the carrier of a target measures its way.
-fn steps(scenario: &Scenario, table: &TargetTable, target: &TargetNode) -> Steps {
-    let (told, errors) = (scenario.target_config(table), &target.errors);
+fn steps(scenario: &Scenario, table: &TargetTable) -> Steps {
+    let (told, errors) = (scenario.target_config(table), errors(scenario));
     Steps {
         scale: told.systematic_scale.into(),
         compass: f64::from(told.systematic_heading_deg).to_radians(),
@@ -607,17 +615,21 @@ fn steps(scenario: &Scenario, table: &TargetTable, target: &TargetNode) -> Steps
 
 /// Protection levels with which poses are checked.
 fn tolerance(scenario: &Scenario) -> Tolerance {
+    limits(scenario).map(|limit| RARE * limit)
+}
+
+/// Sigmas beyond which poses are weak: of the place, and of the heading, radians.
+pub(crate) fn limits(scenario: &Scenario) -> [f64; 2] {
     let mut camera = CameraConfig::new(
         scenario.camera.believed(),
         Subjects::Motion { threshold: 1 },
     );
     scenario.firmware.configure_camera(&mut camera);
     let weak = camera.weak;
-    let limits = [
+    [
         weak.position.into(),
         f64::from(weak.heading_deg).to_radians(),
-    ];
-    limits.map(|limit| RARE * limit)
+    ]
 }
 
 fn clear_way(

@@ -27,9 +27,9 @@ const WITHOUT_TESTS: [&str; 4] = [
 ];
 
 /// Settings of every build of tests, always the same, so that nothing is built twice. Clippy compiles the workspace,
-/// which saves a second pass over it, and refuses what it warns of. Data to build parts of a crate again, and many
-/// parts of a crate side by side, cost processor time, and here everything is built.
-const BUILT_WITH: [(&str, &str); 4] = [
+/// which saves a second pass over it, and refuses what it warns of. Data to build parts of a crate again, many
+/// parts of a crate side by side, and lines for debuggers cost processor time, and here everything is built.
+const BUILT_WITH: [(&str, &str); 5] = [
     ("RUSTC_WORKSPACE_WRAPPER", "clippy-driver"),
     (
         "CLIPPY_ARGS",
@@ -37,6 +37,7 @@ const BUILT_WITH: [(&str, &str); 4] = [
     ),
     ("CARGO_INCREMENTAL", "0"),
     ("CARGO_PROFILE_DEV_CODEGEN_UNITS", "2"),
+    ("CARGO_PROFILE_DEV_DEBUG", "0"),
 ];
 
 /// Example programs of libraries that are measurements: stages of their own run them.
@@ -123,7 +124,7 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     let mut programs = programs(sh, &members, &messages)?;
     // The longest first, so that none runs alone at the end.
     programs.sort_by_key(|program| Reverse(program.tests.all));
-    let threads = THREADS * thread::available_parallelism()?.get();
+    let threads = threads()?;
     let names: Vec<_> = members.iter().map(|(name, _)| name.as_str()).collect();
     let tests: Vec<_> = programs.iter().map(|program| &program.tests).collect();
     complete(&names, &tests)?;
@@ -131,7 +132,7 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         let output = Command::new(&program.path)
             .current_dir(&program.folder)
             .env("CARGO_MANIFEST_DIR", &program.folder)
-            .env("RUST_TEST_THREADS", threads.to_string())
+            .env("RUST_TEST_THREADS", &threads)
             .output()?;
         let said = String::from_utf8_lossy(&output.stdout);
         let Tests { package, suite, .. } = &program.tests;
@@ -169,6 +170,12 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
+/// Threads of a test program, as the variable for them has it.
+fn threads() -> Result<String> {
+    let processors = thread::available_parallelism()?.get();
+    Ok((THREADS * processors).to_string())
+}
+
 /// Runs tests that are ignored elsewhere, and returns their output. They are built as those of the workspace are:
 /// with other features, cargo would build everything again.
 ///
@@ -194,7 +201,8 @@ pub(crate) fn ignored(sh: &Shell, suites: &[Suite]) -> Result<String> {
         let _there = sh.push_dir(folder);
         let filter = format!("{module}::");
         let tests_run = cmd!(sh, "{path} --ignored --nocapture {filter}");
-        let (counts, said) = run(tests_run.env("CARGO_MANIFEST_DIR", folder))?;
+        let tests_run = tests_run.env("CARGO_MANIFEST_DIR", folder);
+        let (counts, said) = run(tests_run.env("RUST_TEST_THREADS", threads()?))?;
         ensure!(
             counts.passed > 0 && counts.passed == count,
             "{} tests of `{module}` in `{package}` passed, there are {count}",

@@ -2,16 +2,8 @@
 
 function panels() {
   const {design, refused, advice} = judged;
-  const known = design?.cameras.filter(camera => camera.sigma_position !== null) ?? [];
-  const worst = known.reduce((a, b) => (a && a.sigma_position > b.sigma_position ? a : b), null);
-  byId('verdict').textContent = refused ?? design?.problem ?? (worst
-    ? `Each pose can be found: the worst is that of camera ${worst.id}, to ${worst.sigma_position.toFixed(3)} ${site.unit}.`
-    : 'No stops: nothing is known of poses.');
-  if (!refused && design && !design.problem && known.length < design.cameras.length) {
-    const lost = design.cameras.filter(camera => camera.sigma_position === null).map(camera => camera.id);
-    byId('verdict').textContent = `The stops do not tell the poses of cameras ${lost.join(', ')}.`;
-  }
-  byId('banner').classList.toggle('good', Boolean(design && !design.problem && known.length === design.cameras.length));
+  byId('verdict').textContent = refused ?? design?.verdict ?? '';
+  byId('banner').classList.toggle('good', Boolean(design?.good));
   const body = document.querySelector('#cameras tbody');
   body.replaceChildren(...cameras().map(({network, camera}) => {
     const row = document.createElement('tr');

@@ -5,6 +5,7 @@ mod check;
 mod checked;
 mod drawings;
 mod exports;
+mod foretold;
 mod further;
 mod kept;
 mod networks;

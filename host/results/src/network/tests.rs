@@ -39,6 +39,7 @@ fn measured(walk: &Walk) -> Sightings {
             cameras: [1, 2],
             baseline: Some(walk.cameras[1].x),
         }),
+        survey: None,
         frame_heading_deg: Some(0.0),
         carriers: vec![Known {
             target: TARGET,

@@ -8,8 +8,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use calib_core::{Pose, Status};
 use nalgebra::{Matrix2, Point2, Vector2};
+use node_firmware::config::{LensSigma, SurveySigma};
 use site::planner::{
-    CheckWish, Checks, Look, Measurement, Noise, RARE, Redundancy, Steps, Survey, Tolerance,
+    CheckWish, Checks, Look, Measurement, Noise, RARE, Redundancy, Steps, Survey, Told, Tolerance,
     UNCHECKED,
 };
 use site::world::{Sight, World};
@@ -17,6 +18,7 @@ use site::world::{Sight, World};
 use super::{
     Node, RunRecord, Target,
     next_stop::{MOST, RADIUS, UNSEEN, obstacles, stands},
+    sightings::Sightings,
     standing::Standing,
     verdict::{Gain, Gained, Instead, NextStop, Weakness, edges, is_free},
 };
@@ -132,7 +134,11 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         let is_unclear = |index: &usize| {
             let told = walk.cameras[*index].estimate;
             let told = told.map_or(0.0, |estimate| estimate.sigma_position());
-            let least = if is_measured { UNCLEAR * told } else { limit };
+            let least = if is_measured {
+                UNCLEAR * told
+            } else {
+                limit.max(UNLIKE * told)
+            };
             walk.known.sigma(*index).is_none_or(|sigma| sigma <= least)
         };
         let unclear: Vec<usize> = own.iter().copied().filter(is_unclear).collect();
@@ -336,6 +342,8 @@ impl<'a> Walk<'a> {
 
 /// Measurements that foretell no more than this share of a camera's own sigma do not tell why it is weak.
 const UNCLEAR: f64 = 0.1;
+/// The same of usual values in the place of measurements.
+const UNLIKE: f64 = 0.3;
 /// A gain below this share is none.
 const LEAST_GAIN: f64 = 0.05;
 /// So many measurements in common tie two cameras to one another.
@@ -614,6 +622,29 @@ fn tolerance(record: &RunRecord) -> Tolerance {
     [limits.sigma_position, limits.sigma_heading_deg.to_radians()].map(|limit| RARE * limit)
 }
 
+/// Knowledge that nodes had beforehand: as measured, or what they have where nothing more is told.
+fn told(record: &RunRecord, measured: Option<&Sightings>) -> Told {
+    let survey = SurveySigma::MEASURED;
+    let usual = Told {
+        lens: LensSigma::UNMEASURED.of_tangent().map(f64::from),
+        baseline: Some(survey.baseline.into()),
+        place: f64::from(survey.position) / record.unit.metres,
+    };
+    let Some(measured) = measured else {
+        return usual;
+    };
+    let lens = measured.lens;
+    let baseline = measured.references.and_then(|both| both.baseline);
+    let survey = measured.survey;
+    Told {
+        lens: lens.map_or([0.0; 2], |lens| {
+            [lens.sigma, lens.principal_deg.to_radians()]
+        }),
+        baseline: baseline.map(|_| survey.map_or(0.0, |survey| survey.baseline_sigma)),
+        place: survey.map_or(0.0, |survey| survey.position_sigma),
+    }
+}
+
 /// Measurements of a walk.
 fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) -> Option<Survey> {
     let stops: Vec<Point2<f64>> = { target.stops.iter() }
@@ -630,6 +661,7 @@ fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) 
     let number = |stop: u32| target.stops.iter().position(|other| other.stop == stop);
     let measured = { record.sightings.iter() }.find(|measured| measured.network == network);
     let usual = usual_carrier(target.id);
+    let beforehand = told(record, measured);
     let mut steps = Steps {
         scale: usual.systematic_scale,
         compass: usual.systematic_heading_deg.to_radians(),
@@ -666,6 +698,7 @@ fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) 
             legs,
             standing: 0.0,
             steps,
+            told: beforehand,
             anchor: None,
         });
     }
@@ -705,6 +738,7 @@ fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) 
         standing: USUAL_STANDING * range,
         anchor: { target.stops.first()?.believed }.map(|at| at.sigma_x.max(at.sigma_y)),
         steps,
+        told: beforehand,
         stops,
     })
 }

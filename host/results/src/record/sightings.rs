@@ -17,6 +17,9 @@ pub struct Sightings {
     /// The two cameras that define its frame; `null` where none were appointed.
     #[serde(default)]
     pub references: Option<References>,
+    /// Accuracy of their places; left out where these are exact.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub survey: Option<Surveyed>,
     /// Direction of the displacements' x axis in the frame whose x axis is the baseline, degrees;
     /// `null` where it is not known.
     #[serde(default)]
@@ -53,6 +56,16 @@ pub struct References {
     /// Distance between them; `null` where it was not measured.
     #[serde(default)]
     pub baseline: Option<f64>,
+}
+
+/// Accuracy of the places of two references.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Surveyed {
+    /// Standard deviation of the distance between them, as a share of it.
+    pub baseline_sigma: f64,
+    /// Standard deviation of the place of each, along each axis.
+    pub position_sigma: f64,
 }
 
 /// Prior knowledge of the carrier of a target.

@@ -53,7 +53,7 @@ pub(super) fn bearing_sigma(camera: &Camera, place: Point2<f64>, noise: &Noise) 
 /// About `(heading 0, heading 1, x, y, frame heading, baseline)`, from one stop that both references
 /// see: x and y of the walk as a whole, whose displacements are known, turned about the middle of
 /// the baseline.
-pub(crate) fn of_reference_stop(
+pub(super) fn of_reference_stop(
     cameras: [&Camera; 2],
     place: Point2<f64>,
     noise: &Noise,
@@ -82,7 +82,7 @@ pub(crate) fn of_reference_stop(
 }
 
 /// Prior knowledge of [`of_reference_stop`]'s unknowns, as information.
-pub(crate) fn known_beforehand(known: &Known<f64>) -> Matrix6<f64> {
+pub(super) fn known_beforehand(known: &Known<f64>) -> Matrix6<f64> {
     const CERTAIN: f64 = 1e12;
     let mut information = Matrix6::zeros();
     information[(4, 4)] = known.frame_heading.map_or(0.0, |_| CERTAIN);

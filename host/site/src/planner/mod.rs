@@ -38,7 +38,7 @@
 //! alike.
 
 use calib_core::{
-    Pose, Ray,
+    Ray,
     reference::{self, Known, ReferenceSettings, Stop},
 };
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2};
@@ -63,11 +63,11 @@ use exchange::{Choice, Design};
 use first_sightings::{FirstSightings, Prices};
 pub(crate) use ground::Ground;
 pub use ground::NEAREST;
+pub(crate) use information::bound;
 pub use information::{Noise, column_angle, of_sighting};
-pub(crate) use information::{bound, known_beforehand, of_reference_stop};
 pub use next::{Advice, PairWish, Wish};
 pub use redundancy::{
-    CheckStop, CheckWish, Checks, Level, Look, Measurement, RARE, Redundancy, Steps, Survey,
+    CheckStop, CheckWish, Checks, Level, Look, Measurement, RARE, Redundancy, Steps, Survey, Told,
     Tolerance, UNCHECKED, way_around,
 };
 use route::Route;
@@ -116,6 +116,8 @@ pub struct Task<'a> {
     pub noise: Noise,
     /// Of the carrier.
     pub steps: Steps,
+    /// Of lenses and references.
+    pub told: Told,
     /// Protection levels that may be left.
     pub tolerance: Tolerance,
     /// Number of the path.
@@ -384,7 +386,7 @@ impl Task<'_> {
             .collect();
         let cameras = indices.iter().map(|&index| self.world.cameras()[index]);
         let world = World::new(
-            cameras.clone().collect(),
+            cameras.collect(),
             self.world.obstacles().to_vec(),
             Vec::new(),
         );
@@ -392,39 +394,7 @@ impl Task<'_> {
             world: &world,
             ..self.ground()
         };
-        let looks = stops.iter().enumerate().flat_map(|(stop, &place)| {
-            let seen = (0..indices.len()).filter(move |&camera| ground.suits(camera, place));
-            let of = |camera| {
-                (
-                    camera,
-                    self.noise.sigma(&ground.world.cameras()[camera], place),
-                )
-            };
-            let looks = seen.map(of).collect::<Vec<_>>();
-            looks.into_iter().map(move |(camera, sigma)| Look {
-                stop,
-                camera,
-                sigma,
-            })
-        });
-        let ways = { stops.windows(2) }.map(|leg| Some(self.steps.covariance(leg[1] - leg[0])));
-        let survey = Survey {
-            cameras: cameras
-                .clone()
-                .map(|camera| Pose {
-                    position: camera.place,
-                    heading: camera.heading,
-                    covariance: Matrix3::zeros(),
-                })
-                .collect(),
-            range: { cameras.map(|camera| camera.range) }.fold(f64::INFINITY, f64::min),
-            looks: looks.collect(),
-            legs: std::iter::once(None).chain(ways).collect(),
-            standing: self.noise.standing,
-            steps: self.steps,
-            anchor: None,
-            stops: stops.clone(),
-        };
+        let survey = Survey::of_walk(&ground, stops, &self.noise, self.steps, self.told);
         let tolerance = self.tolerance;
         let wishes = (2..indices.len()).map(|camera| CheckWish { camera, tolerance });
         let walked = stops.clone();

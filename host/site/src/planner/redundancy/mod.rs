@@ -1,15 +1,16 @@
 //! Effect of one unnoticed wrong measurement of a walk, and where to stop so that it cannot do much.
 //!
-//! The covariance of everything that is unknown (carrier, references' headings, cameras, stops) from
+//! The covariance of everything that is unknown (carrier, references' headings, cameras, lenses, stops) from
 //! bearings and legs, as the [joint estimator](calib_core::joint) has them, but dense and in double
 //! precision: then a further stop is an update of a few ranks, and hundreds of them can be tried. The measured
-//! values do not matter, only who saw what from where, so a walk that is only planned has its protection
-//! levels too. The tests hold them against those of the estimator.
+//! values do not matter, only which camera saw which stop, so a walk that is only planned has its sigmas and
+//! protection levels too. The tests hold them against those of the estimator.
 
 use calib_core::Pose;
-use nalgebra::{Matrix2, Point2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
-use super::symmetric::Symmetric;
+use super::{Noise, ground::Ground, symmetric::Symmetric};
+use crate::world::Camera;
 
 mod checks;
 #[cfg(test)]
@@ -30,10 +31,14 @@ const LEAST_SIGMA: f64 = 1e-3;
 /// Sigma of an unknown value: so many ranges, and radians.
 const VAGUE: f64 = 100.0;
 
-/// Unknowns that every survey has: scale and compass of the carrier, headings of the references.
-const COMMON: usize = 4;
+/// Unknowns that every survey has: scale and compass of the carrier, headings of the references, their distance.
+const COMMON: usize = 5;
 const SCALE: usize = 0;
 const COMPASS: usize = 1;
+const HEADINGS: usize = 2;
+const BASELINE: usize = 4;
+/// A distance of the references that is not estimated is known to this part of the range.
+const EXACT: f64 = 1e-6;
 
 /// Accuracy with which a carrier measures its way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,6 +97,27 @@ pub struct Look {
     pub sigma: f64,
 }
 
+/// Prior knowledge of what a network is told, as its target counts with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// Standard deviations of every lens: of the focal length, relative, and of the tangent that the principal column
+    /// adds. Zero where it is exact.
+    pub lens: [f64; 2],
+    /// Standard deviation of the references' distance, as a share of it; `None` where the walk alone tells it.
+    pub baseline: Option<f64>,
+    /// Standard deviation of each reference's place, each axis.
+    pub place: f64,
+}
+
+impl Told {
+    /// A site whose lenses and references are exactly as told.
+    pub const EXACT: Self = Self {
+        lens: [0.0; 2],
+        baseline: Some(0.0),
+        place: 0.0,
+    };
+}
+
 /// Measurements of a walk.
 #[derive(Clone, Debug)]
 pub struct Survey {
@@ -110,6 +136,8 @@ pub struct Survey {
     pub standing: f64,
     /// Accuracy of the carrier's steps.
     pub steps: Steps,
+    /// Accuracy of lenses and references.
+    pub told: Told,
     /// Standard deviation of the first stop's place, where that is known otherwise than from the
     /// references.
     pub anchor: Option<f64>,
@@ -159,17 +187,20 @@ impl Level {
 struct Row {
     of: Measurement,
     count: usize,
-    at: [usize; 6],
-    by: [f64; 6],
+    at: [usize; WIDEST],
+    by: [f64; WIDEST],
 }
+
+/// Unknowns of a bearing: place of the target, pose, lens.
+const WIDEST: usize = 7;
 
 impl Row {
     fn new(of: Measurement) -> Self {
         Self {
             of,
             count: 0,
-            at: [0; 6],
-            by: [0.0; 6],
+            at: [0; WIDEST],
+            by: [0.0; WIDEST],
         }
     }
 
@@ -225,12 +256,61 @@ pub struct Redundancy {
 }
 
 impl Survey {
+    /// Survey of a walk that is planned: all cameras of a world, the references first, look at it where it suits them.
+    pub(crate) fn of_walk(
+        ground: &Ground<'_>,
+        stops: &[Point2<f64>],
+        noise: &Noise,
+        steps: Steps,
+        told: Told,
+    ) -> Self {
+        let cameras = ground.world.cameras();
+        let looks = stops.iter().enumerate().flat_map(|(stop, &place)| {
+            let seen = (0..cameras.len()).filter(move |&camera| ground.suits(camera, place));
+            seen.map(move |camera| Look {
+                stop,
+                camera,
+                sigma: noise.sigma(&cameras[camera], place),
+            })
+        });
+        let ways = { stops.windows(2) }.map(|leg| Some(steps.covariance(leg[1] - leg[0])));
+        let pose = |camera: &Camera| Pose {
+            position: camera.place,
+            heading: camera.heading,
+            covariance: Matrix3::zeros(),
+        };
+        Self {
+            cameras: cameras.iter().map(pose).collect(),
+            range: { cameras.iter().map(|camera| camera.range) }.fold(f64::INFINITY, f64::min),
+            stops: stops.to_vec(),
+            legs: std::iter::once(None).chain(ways).collect(),
+            looks: looks.collect(),
+            standing: noise.standing,
+            steps,
+            told,
+            anchor: None,
+        }
+    }
+
     fn camera_column(camera: usize) -> usize {
         COMMON + 3 * (camera - 2)
     }
 
+    /// Columns of what is unknown of a camera's lens, each with its sigma and which of the two numbers it is.
+    fn lens_columns(&self, camera: usize) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
+        let lens = self.told.lens;
+        let unknown = lens.iter().filter(|sigma| **sigma > 0.0).count();
+        let first = Self::camera_column(self.cameras.len()) + unknown * camera;
+        let given = (0..).zip(lens).filter(|(_, sigma)| *sigma > 0.0);
+        (first..)
+            .zip(given)
+            .map(|(column, (which, sigma))| (column, which, sigma))
+    }
+
     fn stop_column(&self, stop: usize) -> usize {
-        COMMON + 3 * (self.cameras.len() - 2) + 2 * stop
+        let unknown = self.told.lens.iter().filter(|sigma| **sigma > 0.0).count();
+        let count = self.cameras.len();
+        Self::camera_column(count) + unknown * count + 2 * stop
     }
 
     fn bearing_row(&self, look: &Look) -> Option<Row> {
@@ -252,12 +332,20 @@ impl Survey {
         row.put(place, across.x);
         row.put(place + 1, across.y);
         if camera < 2 {
-            row.put(2 + camera, -weight);
+            row.put(HEADINGS + camera, -weight);
+            if camera == 1 {
+                let along = pose.position - self.cameras[0].position;
+                row.put(BASELINE, -across.dot(&along.try_normalize(0.0)?));
+            }
         } else {
             let column = Self::camera_column(camera);
             row.put(column, -across.x);
             row.put(column + 1, -across.y);
             row.put(column + 2, -weight);
+        }
+        let (sin, cos) = (to.y.atan2(to.x) - pose.heading).sin_cos();
+        for (column, which, _) in self.lens_columns(camera) {
+            row.put(column, -[sin * cos, cos * cos][which] * weight);
         }
         Some(row)
     }
@@ -309,7 +397,18 @@ impl Survey {
         let mut know = |unknown: usize, by: f64| information[(unknown, unknown)] += by;
         know(SCALE, self.steps.scale.max(LEAST_SIGMA).powi(-2));
         know(COMPASS, self.steps.compass.max(LEAST_SIGMA).powi(-2));
-        (2..COMMON).for_each(|heading| know(heading, turned));
+        (HEADINGS..BASELINE).for_each(|heading| know(heading, turned));
+        know(
+            BASELINE,
+            self.told
+                .baseline
+                .map_or(about, |_| (EXACT * self.range).powi(-2)),
+        );
+        for camera in 0..self.cameras.len() {
+            for (column, _, sigma) in self.lens_columns(camera) {
+                know(column, sigma.powi(-2));
+            }
+        }
         for camera in 2..self.cameras.len() {
             let column = Self::camera_column(camera);
             know(column, about);
@@ -369,7 +468,6 @@ impl Redundancy {
             .collect();
         let level = |&camera: &usize| {
             let column = Survey::camera_column(camera);
-            let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
             let own = [0, 1, 2].map(|n| self.covariance.row(column + n));
             for (row, size) in self.rows.iter().zip(&sizes) {
@@ -382,8 +480,9 @@ impl Redundancy {
                 }
             }
             position.0 = f64::sqrt(position.0);
-            let noise = RARE * (variance(0) + variance(1)).sqrt();
-            let turned = RARE * variance(2).sqrt();
+            let all = self.covariance(camera);
+            let noise = RARE * (all.m11 + all.m22).max(0.0).sqrt();
+            let turned = RARE * all.m33.max(0.0).sqrt();
             // The measurement that turns it most matters if it turns it by more than it moves it, seen from afar.
             let by = if heading.0 * self.survey.range > position.0 {
                 heading.1
@@ -401,11 +500,42 @@ impl Redundancy {
 
     /// Sigma of a camera's place, along both axes together; `None` of a reference.
     pub fn sigma(&self, camera: usize) -> Option<f64> {
-        let column = camera
-            .checked_sub(2)
-            .map(|_| Survey::camera_column(camera))?;
-        let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
-        Some((variance(0) + variance(1)).sqrt())
+        let covariance = (camera >= 2).then(|| self.covariance(camera))?;
+        Some((covariance.m11 + covariance.m22).sqrt())
+    }
+
+    /// Covariance of `(x, y, heading)` of a camera, the error of the references' places included.
+    pub fn covariance(&self, camera: usize) -> Matrix3<f64> {
+        let Survey { cameras, told, .. } = &self.survey;
+        let [first, second] = [cameras[0].position, cameras[1].position];
+        let baseline = second - first;
+        let square = baseline.norm_squared();
+        let mut covariance = match camera {
+            0 | 1 => {
+                let mut own = Matrix3::zeros();
+                own.m33 = self.covariance[(HEADINGS + camera, HEADINGS + camera)];
+                if camera == 1 && told.baseline.is_none() {
+                    let along = baseline * baseline.transpose() / square;
+                    let along = along * self.covariance[(BASELINE, BASELINE)];
+                    own.fixed_view_mut::<2, 2>(0, 0).copy_from(&along);
+                }
+                own
+            }
+            _ => {
+                let column = Survey::camera_column(camera);
+                Matrix3::from_fn(|i, j| self.covariance[(column + i, column + j)])
+            }
+        };
+        // The frame of the nodes errs as the references do: its places are linear in theirs.
+        let place = cameras[camera].position;
+        let stretched = (place - first) * told.baseline.unwrap_or(0.0);
+        let share = told.place * told.place / square;
+        let moved = share * ((place - first).norm_squared() + (place - second).norm_squared());
+        let frame = stretched * stretched.transpose() + Matrix2::from_diagonal_element(moved);
+        let mut own = covariance.fixed_view_mut::<2, 2>(0, 0);
+        own += frame;
+        covariance.m33 += 2.0 * share;
+        covariance
     }
 
     /// Sigma of a camera's place, as [`sigma`](Self::sigma) tells it, if the distance between a stop and a camera were

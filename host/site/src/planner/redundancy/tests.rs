@@ -60,13 +60,15 @@ fn survey(seed: u64, stops: usize) -> Survey {
         looks,
         standing: STANDING,
         steps: STEPS,
+        told: Told::EXACT,
         anchor: None,
     }
 }
 
 /// Results of the estimator that nodes run, from measurements without errors: of each camera that is no
-/// reference, place and heading; of each bearing its redundancy.
-fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
+/// reference, levels of place and heading, and its covariance; of each bearing its redundancy.
+fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<Matrix3<f64>>, Vec<f64>) {
+    let [focal, principal] = survey.told.lens;
     let settings = JointSettings {
         scale: Prior {
             mean: 1.0,
@@ -77,6 +79,8 @@ fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
             sigma: STEPS.compass,
         },
         standing: STANDING,
+        lens: Some(focal),
+        principal: Some(principal),
         ..JointSettings::default()
     };
     let room = Capacity {
@@ -91,7 +95,7 @@ fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
         bearings: &mut vec![Default::default(); survey.looks.len()],
         marks: &mut [],
         visits: &mut [],
-        workspace: &mut vec![0.0; room.workspace()],
+        workspace: &mut vec![0.0; room.workspace_with_lenses()],
     };
     let mut joint = JointEstimator::new(memory, 10.0, settings).unwrap();
     for (stop, place) in survey.stops.iter().enumerate() {
@@ -120,18 +124,34 @@ fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
     });
     let levels = levels.collect();
     let looks = 0..survey.looks.len();
-    let redundancies = looks.map(|n| joint.bearing_residual(n).unwrap().redundancy);
-    (levels, redundancies.collect())
+    let redundancies: Vec<_> = { looks }
+        .map(|n| joint.bearing_residual(n).unwrap().redundancy)
+        .collect();
+    let covariances = (2..6).map(|camera| joint.pose(camera).unwrap().covariance);
+    (levels, covariances.collect(), redundancies)
 }
 
-/// Protection levels and redundancies are those of the estimator, which has them from a triangle.
+/// Covariances, protection levels and redundancies are those of the estimator, which has them from a triangle.
 #[test]
 fn levels_are_those_of_the_estimator() {
-    for seed in 0..6 {
-        let survey = survey(seed, 16);
-        let (levels, redundancies) = estimated(&survey);
+    let lenses = [[0.0; 2], [0.05, 0.02], [0.0, 0.02]];
+    for (seed, lens) in (0..6).zip(lenses.into_iter().cycle()) {
+        let survey = Survey {
+            told: Told {
+                lens,
+                ..Told::EXACT
+            },
+            ..survey(seed, 16)
+        };
+        let (levels, covariances, redundancies) = estimated(&survey);
         let known = survey.redundancy().unwrap();
-        for (found, [position, heading]) in known.levels(&[2, 3, 4, 5]).iter().zip(levels) {
+        let found = known.levels(&[2, 3, 4, 5]);
+        for (camera, covariance) in (2..).zip(covariances) {
+            let own = known.covariance(camera);
+            let off = (own - covariance).abs().max() / covariance.abs().max();
+            assert!(off < 0.01, "{seed}, camera {camera}: {own} {covariance}");
+        }
+        for (found, [position, heading]) in found.iter().zip(levels) {
             let off = (found.position / position - 1.0).abs();
             assert!(off < 0.02, "{seed}: {found:?}, {position}");
             let off = (found.heading / heading - 1.0).abs();
@@ -145,6 +165,51 @@ fn levels_are_those_of_the_estimator() {
             );
         }
     }
+}
+
+/// Places of references that are not exact move all others: those between them least, along the baseline and across.
+#[test]
+fn a_frame_errs_as_its_references_do() {
+    let exact = survey(2, 16);
+    let told = Told {
+        baseline: Some(0.02),
+        place: 0.1,
+        ..Told::EXACT
+    };
+    let frame = Survey {
+        told,
+        ..exact.clone()
+    };
+    let [exact, frame] = [exact, frame].map(|survey| survey.redundancy().unwrap());
+    let by = |camera| frame.covariance(camera) - exact.covariance(camera);
+    let second = by(1);
+    assert!((second.m11 - (0.2_f64.powi(2) + 0.1_f64.powi(2))).abs() < 1e-9);
+    assert!((second.m22 - 0.1_f64.powi(2)).abs() < 1e-9);
+    // (5, 12): a place p moves by (1 - s) da + s db, where s is p over the baseline as a complex number.
+    let far = by(3);
+    let moved = 0.01 * (0.5_f64.powi(2) + 1.2_f64.powi(2)) * 2.0;
+    assert!((far.m11 - (moved + 0.1_f64.powi(2))).abs() < 1e-9, "{far}");
+    assert!((far.m22 - (moved + 0.24_f64.powi(2))).abs() < 1e-9, "{far}");
+    assert!((far.m12 - 0.1 * 0.24).abs() < 1e-9, "{far}");
+    assert!((far.m33 - 2.0 * 0.01 / 100.0).abs() < 1e-12, "{far}");
+    assert!(frame.sigma(3) > exact.sigma(3));
+}
+
+/// Where no one told the references' distance, the carrier tells it: its scale is that of everything.
+#[test]
+fn an_unknown_baseline_is_as_wide_as_the_carrier() {
+    let told = Told {
+        baseline: None,
+        ..Told::EXACT
+    };
+    let survey = Survey {
+        told,
+        ..survey(2, 16)
+    };
+    let known = survey.redundancy().unwrap();
+    let second = known.covariance(1);
+    assert!((0.5..0.52).contains(&second.m11.sqrt()), "{second}");
+    assert_eq!((second.m12, second.m22), (0.0, 0.0));
 }
 
 /// Going on by one stop is the same as beginning with it.
