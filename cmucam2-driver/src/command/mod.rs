@@ -1,18 +1,15 @@
 //! The commands as types: every command that can be constructed can be sent.
 //!
-//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes it,
-//! [`Command::parse`] reads that line. Cameras take more than that.
+//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes it.
 
 mod modes;
 mod order;
-mod parse;
 
 pub use modes::{
     LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
 };
 pub use order::Order;
 pub(crate) use order::{Effect, Mode};
-pub use parse::CommandError;
 
 use crate::{
     colour::{ColourBounds, ColourChannel},

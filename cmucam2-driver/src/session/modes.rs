@@ -5,8 +5,7 @@ use core::ops::Range;
 use crate::{
     colour::ColourBounds,
     command::{
-        Effect, LineMode, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask,
-        TrackingLines,
+        Effect, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask, TrackingLines,
     },
     features::FULL,
     geometry::{DownSampling, Sensor, Size, Window},
@@ -390,23 +389,18 @@ impl Modes {
     }
 
     fn tracking_lines(&self) -> TrackingLines {
-        match self.lines(Mode::TrackingLines) {
-            Some(LineMode::Tracking(lines)) => lines,
+        match self.value(Mode::TrackingLines) {
+            Some(1) => TrackingLines::Bitmap,
+            Some(2) => TrackingLines::Rows,
             _ => TrackingLines::Off,
         }
     }
 
     fn statistics_lines(&self) -> StatisticsLines {
-        match self.lines(Mode::StatisticsLines) {
-            Some(LineMode::Statistics(lines)) => lines,
+        match self.value(Mode::StatisticsLines) {
+            Some(1) => StatisticsLines::Means,
+            Some(2) => StatisticsLines::MeansAndDeviations,
             _ => StatisticsLines::Off,
         }
-    }
-
-    fn lines(&self, mode: Mode) -> Option<LineMode> {
-        let &[kind, lines] = self.get(mode as usize)? else {
-            return None;
-        };
-        LineMode::try_from([kind, lines]).ok()
     }
 }

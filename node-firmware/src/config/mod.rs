@@ -14,7 +14,11 @@ pub mod page;
 
 mod key;
 
-use calib_core::{Limits, camera::Camera, level::Tolerance};
+use calib_core::{
+    Limits,
+    camera::{Camera, Projection},
+    level::Tolerance,
+};
 use flash_log::Crc32;
 use heapless::Vec;
 use pixy_driver::Model;
@@ -406,6 +410,10 @@ impl CameraConfig {
         let shape = match self.subjects {
             Subjects::Colours(_) | Subjects::Signatures(_) if self.round => Shape::Round {
                 rows_per_column: self.kind.rows_per_column(),
+                tangent: match optics.projection() {
+                    Projection::PinHole => optics.bearing_sigma(optics.principal_point(), 1.0),
+                    Projection::EqualAngle => 0.0,
+                },
             },
             _ => Shape::Any,
         };

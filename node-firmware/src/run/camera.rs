@@ -148,6 +148,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                         Err(VisionError::CommonColour(share)) => {
                             CommandOutcome::CommonColour(share)
                         }
+                        Err(VisionError::PartOfObject) => CommandOutcome::PartOfObject,
                         Err(_) => CommandOutcome::Failed,
                     };
                     if outcome.is_success()
@@ -213,7 +214,9 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         let looked = match look(&mut self.camera, subject, judge).await {
             Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
-            Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
+            Ok(Look::Clipped) => (Sight::Clipped, None),
+            Ok(Look::Lopsided) => (Sight::Hidden, None),
+            Ok(Look::Several) => (Sight::Several, None),
             Ok(Look::Unsteady) => (Sight::Unsteady, None),
             Err(error) => {
                 warning!("the camera does not look: {}", error);

@@ -33,8 +33,7 @@ use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
 use super::{
-    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, LearntColour, Rows, Subject,
-    VisionError, background,
+    Blob, BlobCamera, ColourWindow, Grid, Learning, LearntColour, Rows, Subject, VisionError,
 };
 use crate::log::warning;
 
@@ -76,8 +75,8 @@ impl Cmucam2Settings {
 pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
     camera: Cmucam2<U, D, K>,
     settings: Cmucam2Settings,
-    /// Rows of a frame.
-    rows: u16,
+    /// Its frame, once it was started up.
+    frame: Size,
     /// All is set.
     ready: bool,
     /// It has a background.
@@ -93,7 +92,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         Self {
             camera,
             settings,
-            rows: 0,
+            frame: Size::LARGEST,
             ready: false,
             background: false,
             subject: None,
@@ -146,7 +145,10 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         let first = self.settings.first_column;
         match subject {
             Subject::Colour(_) | Subject::Signature(_) | Subject::Tag(_) => Grid::pixels(first),
-            Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, self.rows),
+            Subject::Motion { .. } => {
+                let rows = self.frame.height.into();
+                Grid::blocks(first, BLOCKS, self.settings.columns, rows)
+            }
         }
     }
 
@@ -168,50 +170,23 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         };
         self.camera.start_up(start_up).run().await?;
         self.restarts = self.camera.session().restarts();
-        if self.settings.columns >= HIGH_RESOLUTION {
-            self.camera.set(Command::HighResolution(true)).run().await?;
+        // One call that is driven, for less flash.
+        let needs_high = self.settings.columns >= HIGH_RESOLUTION;
+        for step in u8::from(!needs_high)..4 {
+            let mode = match step {
+                0 => self.camera.set(Command::HighResolution(true)),
+                1 => self.camera.set(Command::NoiseFilter(0)),
+                2 => self.camera.set(Command::HighResolutionDifference(true)),
+                _ => self.camera.set(Command::PollMode(true)),
+            };
+            mode.run().await?;
         }
-        self.camera.set(Command::NoiseFilter(0)).run().await?;
-        self.camera
-            .set(Command::HighResolutionDifference(true))
-            .run()
-            .await?;
-        self.camera.set(Command::PollMode(true)).run().await
-    }
-
-    /// Share of the background that has a colour, while the object is in the middle of the view.
-    async fn background_share(
-        &mut self,
-        bounds: ColourBounds,
-    ) -> Result<BackgroundShare, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let mut outer = background::surroundings(frame, self.settings.first_column)
-            .into_iter()
-            .flatten();
-        self.camera.track_colour(bounds).run().await?;
-        let (mut window, mut count) = (None, 0);
-        loop {
-            let seen = self.camera.next_tracking().run().await?;
-            if window.is_some() {
-                count += seen.map_or(0, |seen| background::pixels(&seen));
-            } else if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-                return Ok(BackgroundShare::NONE);
-            }
-            window = outer.next();
-            self.camera
-                .set(Command::VirtualWindow(window))
-                .run()
-                .await?;
-            if window.is_none() {
-                let of = background::surrounding_pixels(frame);
-                return Ok(BackgroundShare::new(count, of));
-            }
-        }
+        Ok(())
     }
 
     /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
-    async fn frame(&mut self) -> Result<Size, VisionError> {
+    async fn ask_frame(&mut self) -> Result<Size, VisionError> {
         let version = self.camera.version().run().await;
         let version = version.map_err(|error| self.failed(error))?;
         let lens = self.settings.columns;
@@ -231,7 +206,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
 impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, D, K> {
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
-        self.rows = u16::from(self.frame().await?.height);
+        self.frame = self.ask_frame().await?;
         let set_up = self.set_up().await;
         self.taken(set_up)?;
         self.ready = true;
@@ -241,22 +216,24 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let learnt = self.camera.learn(Learn::default()).run().await;
-        let bounds = self.taken(learnt)?;
-        let share = self.background_share(bounds).await;
-        if share.is_err() {
-            // It may be left with a part of its view.
-            self.ready = false;
+        let learnt = self.camera.learn_and_track(Learn::default()).run().await;
+        let learnt = self.taken(learnt)?;
+        let mut learning = Learning::new(learnt, self.frame, self.settings.first_column);
+        // If anything fails, it may be left with a part of its view.
+        self.ready = false;
+        while let Some(step) = learning.step() {
+            let set = self.camera.set(step.into()).run().await;
+            self.taken(set)?;
+            let seen = self.camera.next_tracking().run().await;
+            learning.take(self.taken(seen)?);
         }
-        let background = self.taken(share)?;
-        if background.is_hopeless() {
-            return Err(VisionError::CommonColour(background));
-        }
-        let levels = |range: LevelRange| [range.min(), range.max()];
+        self.ready = true;
+        let (bounds, background) = learning.verdict()?;
+        let [a, b, c, d, e, f] = bounds.values();
         let window = ColourWindow {
-            red: levels(bounds.red),
-            green: levels(bounds.green),
-            blue: levels(bounds.blue),
+            red: [a, b],
+            green: [c, d],
+            blue: [e, f],
         };
         Ok(LearntColour { window, background })
     }
@@ -274,18 +251,18 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn begin(&mut self, subject: Subject) -> Result<(), VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let begun = match subject {
+        let call = match subject {
             Subject::Colour(window) => {
                 let bounds = bounds(&window).ok_or(VisionError::Colour)?;
-                self.camera.track_colour(bounds).run().await
+                self.camera.track_colour(bounds)
             }
             Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
             Subject::Motion { threshold } => {
-                let difference = Command::FrameDifference(threshold);
-                self.camera.stream(difference).run().await
+                self.camera.stream(Command::FrameDifference(threshold))
             }
             Subject::Signature(_) | Subject::Tag(_) => return Err(VisionError::Unable),
         };
+        let begun = call.run().await;
         self.taken(begun)?;
         self.subject = Some(subject);
         Ok(())
@@ -299,7 +276,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         // What moves need not be whole.
         let is_whole = !matches!(subject, Subject::Motion { .. });
         let rows = Rows {
-            count: self.rows,
+            count: self.frame.height.into(),
             per_column: ROWS_PER_COLUMN,
         };
         let blob = tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject)));

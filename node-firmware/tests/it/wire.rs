@@ -298,6 +298,8 @@ fn golden() -> Vec<(Message, String)> {
         Sight::NotLooking,
         Sight::Failed,
         Sight::NotReady,
+        Sight::Hidden,
+        Sight::Several,
     ];
     for (n, sight) in sights.into_iter().enumerate() {
         let seen = if n == 0 {
@@ -343,7 +345,7 @@ fn golden() -> Vec<(Message, String)> {
 }
 
 /// One of each kind.
-fn healths() -> [(Health, &'static str); 5] {
+fn healths() -> [(Health, &'static str); 7] {
     let health = |memory, camera, restart| Health {
         memory,
         camera,
@@ -367,6 +369,14 @@ fn healths() -> [(Health, &'static str); 5] {
             "000003",
         ),
         (health(Memory::Flash, Eye::Sees, Restart::Program), "000004"),
+        (
+            health(Memory::Flash, Eye::Hidden, Restart::Ordinary),
+            "000300",
+        ),
+        (
+            health(Memory::Flash, Eye::Several, Restart::Ordinary),
+            "000400",
+        ),
     ]
 }
 
@@ -429,6 +439,7 @@ fn what_the_pc_is_told_is_these_bytes() {
     for (outcome, hex) in [
         (CommandOutcome::Learnt(share(3)), "030301010203"),
         (CommandOutcome::CommonColour(share(445)), "0303010103bd03"),
+        (CommandOutcome::PartOfObject, "0303010104"),
     ] {
         let done = CommandResult {
             command: CameraCommand::LearnColour { colour: 1 },

@@ -147,11 +147,22 @@ impl CameraRole {
             self.on_eye(now, Eye::Failed);
             Sight::Failed
         } else {
-            if picture.is_some() && self.health.camera == Eye::Failed {
+            if picture.is_some() && self.health.camera != Eye::Blind {
                 self.on_eye(now, Eye::Sees);
             }
             sight
         };
+        // Once is an accident.
+        let refused = match sight {
+            Sight::Hidden => Some(Eye::Hidden),
+            Sight::Several => Some(Eye::Several),
+            _ => None,
+        };
+        if let Some(eye) = refused
+            && self.looks.last_sight(target) == Some(sight)
+        {
+            self.on_eye(now, eye);
+        }
         let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();
         // The target knows, and asks if it does not.
@@ -190,7 +201,7 @@ impl CameraRole {
         });
         match sight {
             Sight::NotInView => {}
-            Sight::InView | Sight::Clipped | Sight::Unsteady => {
+            Sight::InView | Sight::Clipped | Sight::Unsteady | Sight::Hidden | Sight::Several => {
                 self.light.on_seen(direction.map(|(_, range)| range));
                 if self.health.camera == Eye::Blind {
                     self.on_eye(now, Eye::Sees);

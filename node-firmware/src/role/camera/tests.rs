@@ -1459,3 +1459,30 @@ fn a_camera_that_sees_nothing_where_it_should_says_that_it_is_blind() {
     see(&mut camera, 4_000, &in_view(113));
     assert_eq!(camera.health.camera, Eye::Sees);
 }
+
+/// A refusal is named once it is no accident, until the target is seen whole.
+#[test]
+fn a_camera_tells_why_it_does_not_believe_its_blobs() {
+    for (sight, eye) in [
+        (Sight::Hidden, Eye::Hidden),
+        (Sight::Several, Eye::Several),
+        (Sight::Clipped, Eye::Sees),
+        (Sight::Unsteady, Eye::Sees),
+    ] {
+        let mut camera = calibrated_colour_camera();
+        for (stop, sight, seen, told) in [
+            (100, sight, None, Eye::Sees),
+            (101, sight, None, eye),
+            (102, Sight::InView, Some(SEEN), Eye::Sees),
+            (103, sight, None, Eye::Sees),
+        ] {
+            let now = 10 * u64::from(stop);
+            let stopped = Message::Stopped(stopped(stop, CoordinateFrame::Site));
+            camera.on_message(at(now), TARGET, &stopped);
+            let _ = outputs(&mut camera, now);
+            camera.on_event(at(now), CameraEvent::Looked(sight, seen));
+            let _ = outputs(&mut camera, now + 1);
+            assert_eq!(camera.health.camera, told, "{sight:?} at {stop}");
+        }
+    }
+}
