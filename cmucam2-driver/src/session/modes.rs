@@ -18,48 +18,12 @@ use crate::{
 /// Number of different registers that are remembered.
 pub const REGISTERS_MAX: usize = 2 * PAIRS_MAX;
 
-/// Commands of the modes: letters and number of arguments, by [`Mode`].
-const COMMANDS: [([u8; 2], u8); 32] = [
-    (*b"CT", 1),
-    (*b"HR", 1),
-    (*b"DS", 2),
-    (*b"VW", 4),
-    (*b"BM", 1),
-    (*b"DC", 1),
-    (*b"DM", 1),
-    (*b"HD", 1),
-    (*b"HC", 2),
-    (*b"HT", 1),
-    (*b"FS", 1),
-    (*b"L0", 1),
-    (*b"L1", 1),
-    (*b"LM", 2),
-    (*b"LM", 2),
-    (*b"NF", 1),
-    (*b"OM", 2),
-    (*b"OM", 2),
-    (*b"PD", 1),
-    (*b"PF", 1),
-    (*b"PM", 1),
-    (*b"PS", 1),
-    (*b"SP", 6),
-    (*b"SM", 1),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (*b"TI", 1),
-    (*b"CP", 1),
-    (*b"RM", 1),
-];
-
 /// A pin has either a position of 46 to 210 or, as an output, 0 or 1: its value tells which.
 const SERVO_POSITION: [u8; 2] = *b"SV";
 const SERVO_OUTPUT: [u8; 2] = *b"SO";
 
 /// The arguments of all modes, one after the other.
-const ARGUMENTS: usize = count(&COMMANDS);
+const ARGUMENTS: usize = count(&Mode::COMMANDS);
 
 /// Number of arguments of these modes.
 const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
@@ -73,8 +37,8 @@ const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
 
 /// Places of the arguments of a mode.
 fn place(mode: usize) -> Option<Range<usize>> {
-    let from = count(COMMANDS.get(..mode)?);
-    let to = count(COMMANDS.get(..=mode)?);
+    let from = count(Mode::COMMANDS.get(..mode)?);
+    let to = count(Mode::COMMANDS.get(..=mode)?);
     Some(from..to)
 }
 
@@ -238,7 +202,7 @@ impl Modes {
 
     fn mode(&self, mode: u8) -> Option<Order> {
         let arguments = self.get(usize::from(mode))?;
-        let &(letters, _) = COMMANDS.get(usize::from(mode))?;
+        let &(letters, _) = Mode::COMMANDS.get(usize::from(mode))?;
         let letters = match arguments {
             [_, 0 | 1] if FULL && letters == SERVO_POSITION => SERVO_OUTPUT,
             _ => letters,
