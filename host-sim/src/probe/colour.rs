@@ -77,10 +77,8 @@ where
         frame,
         first,
         middle: Window::central(frame),
-        around: background::parts(frame, first)
-            .into_iter()
-            .take(4)
-            .flatten()
+        around: (0..background::PARTS - 1)
+            .filter_map(|part| background::part(frame, first, part))
             .collect(),
     };
     looks.camera.set(Command::PollMode(true)).wait()?;
@@ -128,7 +126,8 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
             && peeled.background < judged.background
             && !peeled.background.is_hopeless()
         {
-            let seen = self.look(peeled.bounds, background::parts(self.frame, self.first)[4])?;
+            let middle = background::part(self.frame, self.first, background::PARTS - 1);
+            let seen = self.look(peeled.bounds, middle)?;
             if learning.is_whole(seen) {
                 judged.best = Ok(peeled);
             }

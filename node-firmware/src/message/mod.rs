@@ -266,9 +266,10 @@ pub enum Sight {
     Failed,
     /// The camera is still starting: ask again in a while.
     NotReady,
-    /// The target is hidden in part.
+    /// The target is hidden in part, or looks too small for its distance.
     Hidden,
-    /// The target is not alone: something else has its colour, or only a part of it has.
+    /// The target is not alone, or looks too large for its distance: something else has its colour, or only a part of
+    /// it has.
     Several,
 }
 

@@ -121,25 +121,31 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 }
             };
             self.liveness.on_camera_works(self.clock.now());
-            match task {
-                CameraTask::Look { colour } => {
-                    if let Some((sight, seen)) = self.look(colour, &mut judge).await {
-                        events.send(CameraEvent::Looked(sight, seen)).await;
-                    } else {
-                        // A target waits, and would give up before it is over.
-                        events.send(CameraEvent::Starting).await;
+            // A target that waits hears that the camera starts before it does: it would give up before that is over.
+            let event = match task {
+                CameraTask::Look { colour } => match self.look(colour, &mut judge).await {
+                    Some((sight, seen)) => Some(CameraEvent::Looked(sight, seen)),
+                    None => {
                         start = Some(Start::Again);
+                        Some(CameraEvent::Starting)
                     }
+                },
+                CameraTask::Adapt => {
+                    start = Some(Start::Again);
+                    None
                 }
-                CameraTask::Adapt => start = Some(Start::Again),
                 CameraTask::Command(CameraCommand::Track { colour }) => {
-                    if let Ok(asked) = self.track(colour, &judge, &tasks, &events).await {
-                        next = asked;
-                    } else {
-                        events.send(CameraEvent::Starting).await;
-                        start = Some(Start::Again);
-                        // People ask for it once.
-                        next = Some(task);
+                    match self.track(colour, &judge, &tasks, &events).await {
+                        Ok(asked) => {
+                            next = asked;
+                            None
+                        }
+                        Err(_) => {
+                            start = Some(Start::Again);
+                            // People ask for it once.
+                            next = Some(task);
+                            Some(CameraEvent::Starting)
+                        }
                     }
                 }
                 CameraTask::Command(command) => {
@@ -157,7 +163,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     {
                         events.send(CameraEvent::Learnt(colour, window)).await;
                     }
-                    events.send(done(command, outcome)).await;
+                    Some(done(command, outcome))
                 }
                 CameraTask::Recall(windows) => {
                     for (colour, window) in (0..).zip(windows) {
@@ -165,7 +171,11 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                             self.subjects.learn(colour, window);
                         }
                     }
+                    None
                 }
+            };
+            if let Some(event) = event {
+                events.send(event).await;
             }
         }
     }

@@ -23,11 +23,12 @@
 //! be [started up](BlobCamera::start_up).
 
 use cmucam2_driver::{
-    Cmucam2, Command, Error,
+    Cmucam2, Command, Error, Packet,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
     device::{Clock, SummedDelays},
     geometry::{Sensor, Size},
-    session::{Fault, Learn, StartUp},
+    packet::Tracking,
+    session::{Answer, Fault, Learn, Request, StartUp},
 };
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
@@ -82,8 +83,8 @@ pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
     /// It has a background.
     background: bool,
     subject: Option<Subject>,
-    /// Number of restarts of the camera when it began to adapt.
-    restarts: u16,
+    /// Number of restarts of the camera when it had adapted.
+    restarts: Option<u16>,
 }
 
 impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
@@ -96,7 +97,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
             ready: false,
             background: false,
             subject: None,
-            restarts: 0,
+            restarts: None,
         }
     }
 
@@ -104,40 +105,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         self.ready = false;
         self.background = false;
         self.subject = None;
-    }
-
-    /// Takes notice of a failure, and of a restart that the driver has made up for on its way.
-    fn taken<T, E: embedded_io::Error>(
-        &mut self,
-        outcome: Result<T, Error<E>>,
-    ) -> Result<T, VisionError> {
-        let error = match outcome {
-            Ok(_) if self.camera.session().restarts() != self.restarts => {
-                Error::Camera(Fault::Restarted)
-            }
-            Ok(done) => return Ok(done),
-            Err(error) => error,
-        };
-        Err(self.failed(error))
-    }
-
-    fn failed<E: embedded_io::Error>(&mut self, error: Error<E>) -> VisionError {
-        let error = match error {
-            Error::Uart(error) => VisionError::Line(error.kind()),
-            Error::Closed => VisionError::Closed,
-            Error::Camera(fault) => match fault {
-                Fault::Silence => VisionError::Silent,
-                Fault::Refused { .. } => VisionError::Refused,
-                Fault::Restarted => VisionError::Restarted,
-                Fault::NotStreaming => VisionError::NotBegun,
-                _ => VisionError::Garbled,
-            },
-        };
-        if error == VisionError::Restarted {
-            self.forget();
-        }
-        warning!("camera: {}", error);
-        error
+        self.restarts = None;
     }
 
     /// Meaning of the packets for the subject that was begun.
@@ -162,33 +130,49 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
 }
 
 impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
-    /// Starts it up and makes the settings that a start does not make.
-    async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
-        let start_up = StartUp {
-            adapt_ms: self.settings.adapt_ms,
-            ..StartUp::default()
+    /// Has the camera carry out a request. Takes notice of a failure, and of a restart that the driver has made up for
+    /// on its way.
+    async fn ask(&mut self, request: Request) -> Result<Answer, VisionError> {
+        let outcome = self.camera.request(request).run().await;
+        let restarts = self.camera.session().restarts();
+        let error = match outcome {
+            Ok(_) if self.restarts.is_some_and(|before| before != restarts) => {
+                VisionError::Restarted
+            }
+            Ok(answer) => return Ok(answer),
+            Err(Error::Uart(error)) => VisionError::Line(embedded_io::Error::kind(&error)),
+            Err(Error::Closed) => VisionError::Closed,
+            Err(Error::Camera(fault)) => match fault {
+                Fault::Silence => VisionError::Silent,
+                Fault::Refused { .. } => VisionError::Refused,
+                Fault::Restarted => VisionError::Restarted,
+                Fault::NotStreaming => VisionError::NotBegun,
+                _ => VisionError::Garbled,
+            },
         };
-        self.camera.start_up(start_up).run().await?;
-        self.restarts = self.camera.session().restarts();
-        // One call that is driven, for less flash.
-        let needs_high = self.settings.columns >= HIGH_RESOLUTION;
-        for step in u8::from(!needs_high)..4 {
-            let mode = match step {
-                0 => self.camera.set(Command::HighResolution(true)),
-                1 => self.camera.set(Command::NoiseFilter(0)),
-                2 => self.camera.set(Command::HighResolutionDifference(true)),
-                _ => self.camera.set(Command::PollMode(true)),
-            };
-            mode.run().await?;
+        if error == VisionError::Restarted {
+            self.forget();
         }
-        Ok(())
+        warning!("camera: {}", error);
+        Err(error)
+    }
+
+    /// The next packet of a search, or of the learning of a colour.
+    async fn look(&mut self) -> Result<Option<Tracking>, VisionError> {
+        match self.ask(Request::Next).await? {
+            Answer::Packet(Packet::Tracking(tracking)) => Ok(Some(tracking)),
+            Answer::Quiet => Ok(None),
+            _ => Err(VisionError::Garbled),
+        }
     }
 
     /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
     async fn ask_frame(&mut self) -> Result<Size, VisionError> {
-        let version = self.camera.version().run().await;
-        let version = version.map_err(|error| self.failed(error))?;
+        let asked = self.ask(Request::Do(Command::GetVersion.order())).await?;
+        let Answer::Version(version) = asked else {
+            return Err(VisionError::Garbled);
+        };
         let lens = self.settings.columns;
         let Some(sensor) = version.sensor() else {
             return Ok(Size::of(Sensor::Ov6620, lens >= HIGH_RESOLUTION));
@@ -207,8 +191,23 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
         self.frame = self.ask_frame().await?;
-        let set_up = self.set_up().await;
-        self.taken(set_up)?;
+        self.ask(Request::StartUp(StartUp {
+            adapt_ms: self.settings.adapt_ms,
+            ..StartUp::default()
+        }))
+        .await?;
+        self.restarts = Some(self.camera.session().restarts());
+        // The settings that a start does not make.
+        let needs_high = self.settings.columns >= HIGH_RESOLUTION;
+        for step in u8::from(!needs_high)..4 {
+            let mode = match step {
+                0 => Command::HighResolution(true).order(),
+                1 => Command::NoiseFilter(0).order(),
+                2 => Command::HighResolutionDifference(true).order(),
+                _ => Command::PollMode(true).order(),
+            };
+            self.ask(Request::Do(mode)).await?;
+        }
         self.ready = true;
         Ok(())
     }
@@ -216,16 +215,19 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let learnt = self.camera.learn_and_track(Learn::default()).run().await;
-        let learnt = self.taken(learnt)?;
+        let learn = Request::Learn {
+            how: Learn::default(),
+            track: true,
+        };
+        let Answer::Bounds(learnt) = self.ask(learn).await? else {
+            return Err(VisionError::Garbled);
+        };
         let mut learning = Learning::new(learnt, self.frame, self.settings.first_column);
         // If anything fails, it may be left with a part of its view.
         self.ready = false;
         while let Some(step) = learning.step() {
-            let set = self.camera.set(step.into()).run().await;
-            self.taken(set)?;
-            let seen = self.camera.next_tracking().run().await;
-            learning.take(self.taken(seen)?);
+            self.ask(Request::Do(Command::from(step).order())).await?;
+            learning.take(self.look().await?);
         }
         self.ready = true;
         let (bounds, background) = learning.verdict()?;
@@ -242,8 +244,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         self.is_ready()?;
         self.subject = None;
         self.background = false;
-        let loaded = self.camera.set(Command::LoadFrame).run().await;
-        self.taken(loaded)?;
+        self.ask(Request::Do(Command::LoadFrame.order())).await?;
         self.background = true;
         Ok(())
     }
@@ -251,19 +252,16 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn begin(&mut self, subject: Subject) -> Result<(), VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let call = match subject {
+        let order = match subject {
             Subject::Colour(window) => {
                 let bounds = bounds(&window).ok_or(VisionError::Colour)?;
-                self.camera.track_colour(bounds)
+                Command::TrackColour(Some(bounds)).order()
             }
             Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
-            Subject::Motion { threshold } => {
-                self.camera.stream(Command::FrameDifference(threshold))
-            }
+            Subject::Motion { threshold } => Command::FrameDifference(threshold).order(),
             Subject::Signature(_) | Subject::Tag(_) => return Err(VisionError::Unable),
         };
-        let begun = call.run().await;
-        self.taken(begun)?;
+        self.ask(Request::Start(order)).await?;
         self.subject = Some(subject);
         Ok(())
     }
@@ -271,8 +269,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
         self.is_ready()?;
         let subject = self.subject.ok_or(VisionError::NotBegun)?;
-        let tracking = self.camera.next_tracking().run().await;
-        let tracking = self.taken(tracking)?;
+        let tracking = self.look().await?;
         // What moves need not be whole.
         let is_whole = !matches!(subject, Subject::Motion { .. });
         let rows = Rows {
@@ -288,8 +285,8 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
 
     async fn end(&mut self) -> Result<(), VisionError> {
         self.subject = None;
-        let stopped = self.camera.stop().run().await;
-        self.taken(stopped)
+        self.ask(Request::Stop).await?;
+        Ok(())
     }
 }
 

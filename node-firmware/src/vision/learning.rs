@@ -32,9 +32,9 @@ const ROWS: u8 = 2;
 /// By how much an object that stays may fill its box more or less, 256 times the share.
 const FILL: u8 = 16;
 
-/// Views with the same bounds: the whole one, its [parts](background::parts), and the whole one again.
-const WHOLE: usize = 0;
-const MIDDLE: usize = 5;
+/// Views with the same bounds: the whole one, its [parts](background::part), and the whole one again.
+const WHOLE: u8 = 0;
+const MIDDLE: u8 = background::PARTS;
 
 /// A search. See the [module](self).
 #[derive(Clone, Debug)]
@@ -44,7 +44,7 @@ pub struct Learning {
     frame: Size,
     first: u8,
     trials: u8,
-    view: usize,
+    view: u8,
     /// Pixels of the surroundings so far.
     count: u32,
     /// Share of the background that has the learnt bounds.
@@ -99,9 +99,9 @@ impl Learning {
     /// The next step; `None` when the search is over.
     pub fn step(&self) -> Option<Step> {
         if self.view != WHOLE {
-            let parts = background::parts(self.frame, self.first);
-            let part = parts.get(self.view - 1).copied();
-            return Some(Step::View(part.flatten()));
+            let is_part = self.view <= MIDDLE;
+            let part = || background::part(self.frame, self.first, self.view - 1);
+            return Some(Step::View(is_part.then(part).flatten()));
         }
         (self.trials < TRIALS).then_some(Step::Bounds(self.bounds))
     }
