@@ -55,8 +55,8 @@ const STEEPEST: f64 = 1.047;
 const AS_LEVEL: f64 = 0.5;
 /// The same of one that was not: so none goes to and fro.
 const LEVEL_AGAIN: f64 = 0.2;
-/// Changes of pitch and roll that are none, radians: a hundredth of what a bracket is off.
-const SETTLED: f64 = 3e-4;
+/// Changes of pitch and roll that are none, in their sigmas.
+const SETTLED: f64 = 0.05;
 
 /// Direction of a target above a camera's own horizontal plane, in tenths of a milliradian, if it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -177,6 +177,20 @@ impl<T: Real> Mounting<T> {
     /// Returns true if it is exactly level.
     pub fn is_level(&self) -> bool {
         self.pitch == T::zero() && self.roll == T::zero()
+    }
+
+    /// The middle between two mountings; the other one where either is level. With whole steps both references may go
+    /// beyond what is sought, and farther each time: their stops move with their pitch.
+    #[must_use]
+    pub fn towards(&self, other: &Self) -> Self {
+        if self.is_level() || other.is_level() {
+            return *other;
+        }
+        let half = lit::<T>(0.5);
+        Self {
+            pitch: (self.pitch + other.pitch) * half,
+            roll: (self.roll + other.roll) * half,
+        }
     }
 
     /// A direction in the camera's axes, forward, left and up, turned upright.
@@ -328,7 +342,8 @@ pub fn improved<T: Real>(
     }
     let found = settled(pose, rows, mounting, tolerance, lit(ANY_PITCH))?;
     let [pitch, roll] = [mounting.pitch + found.pitch, mounting.roll + found.roll];
-    let is_change = found.pitch.abs().max(found.roll.abs()) > lit(SETTLED);
+    let is_change = { found.pitch.abs() > found.covariance.m11.sqrt() * lit(SETTLED) }
+        || found.roll.abs() > found.covariance.m22.sqrt() * lit(SETTLED);
     let steepest = lit::<T>(STEEPEST);
     (is_change && (pitch + roll).is_finite()).then(|| Mounting {
         pitch: pitch.max(-steepest).min(steepest),

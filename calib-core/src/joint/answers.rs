@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Pose, Real, Refusal, angle,
-    level::{self, Levelness},
+    level::{self, Levelness, Mounting},
     numerics::real::{lit, root},
 };
 
@@ -78,6 +78,29 @@ impl<T: Real> Problem<'_, T> {
         level::judge(&pose, rows, mounting, &self.tolerance())
     }
 
+    /// Returns true if rows of a reference contradict any mounting: no pose of its frame is right.
+    pub(super) fn is_frame_refused(&mut self, inflation: T) -> bool {
+        (0..2).any(|reference| {
+            let levelness = self.levelness(reference, inflation);
+            levelness.is_some_and(|levelness| levelness.is_refused())
+        })
+    }
+
+    /// Takes both references for ones that look down by this, radians. Returns false where no rows would tell.
+    pub(super) fn pitch_references(&mut self, pitch: T) -> bool {
+        let rows_tell =
+            self.common.tilt > T::zero() && (0..2).all(|camera| self.rows(camera).1 > 0);
+        if rows_tell {
+            for camera in self.cameras.iter_mut().take(2) {
+                camera.mounting = Mounting {
+                    pitch,
+                    roll: T::zero(),
+                };
+            }
+        }
+        rows_tell
+    }
+
     /// Takes better mountings of all cameras that are not level. Returns true if there were any: all is to be solved again.
     pub(super) fn improve_mountings(&mut self) -> bool {
         let mut is_better = false;
@@ -94,8 +117,12 @@ impl<T: Real> Problem<'_, T> {
             let (rows, count) = self.rows(camera);
             let rows = rows.get(..count).unwrap_or_default();
             let better = level::improved(&pose, rows, mounting, &self.tolerance());
-            if let (Some(better), Some(camera)) = (better, self.cameras.get_mut(camera)) {
-                camera.mounting = better;
+            if let (Some(better), Some(unknown)) = (better, self.cameras.get_mut(camera)) {
+                unknown.mounting = if camera < 2 {
+                    mounting.towards(&better)
+                } else {
+                    better
+                };
                 is_better = true;
             }
         }

@@ -7,12 +7,16 @@ use super::{
     Finding, JointError, JointSolution, descent::Settling, integrity::Survey, problem::Problem,
     start::Starting,
 };
-use crate::{Limits, Real, Refusal};
+use crate::{Limits, Real, Refusal, numerics::real::lit};
 
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
 /// Times that mountings of cameras are improved in a round, at most.
 const MOUNTING_ROUNDS: u8 = 8;
+
+/// Pitches of both references, radians, from which a start is tried where level ones lead nowhere: down by 25 and by
+/// 45 degrees.
+const STEEP: [f64; 2] = [0.44, 0.79];
 
 /// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,6 +52,8 @@ pub(super) struct Work<T: Real> {
     round: Round,
     leg_noise_rounds: u8,
     mounting_rounds: u8,
+    /// Steep starts that were tried.
+    steep: usize,
     /// The finding that was left out before the solve that is under way.
     found: Option<Finding<T>>,
     /// Result of the last solve.
@@ -70,6 +76,7 @@ impl<T: Real> Work<T> {
             round: Round::default(),
             leg_noise_rounds: 0,
             mounting_rounds: 0,
+            steep: 0,
             found: None,
             solved: Err(Refusal::TooFew),
         }
@@ -101,6 +108,21 @@ impl<T: Real> Work<T> {
         self.found = None;
         self.leg_noise_rounds = if round.leg_noise { LEG_NOISE_ROUNDS } else { 0 };
         self.mounting_rounds = MOUNTING_ROUNDS;
+        self.steep = 0;
+    }
+
+    /// Begins anew with references that look down, if there is a pitch that was not tried and rows that would tell.
+    fn begin_steeper(&mut self, problem: &mut Problem<'_, T>) -> bool {
+        let Some(&pitch) = STEEP.get(self.steep) else {
+            return false;
+        };
+        self.steep += 1;
+        if !problem.pitch_references(lit(pitch)) {
+            return false;
+        }
+        self.mounting_rounds = MOUNTING_ROUNDS;
+        self.stage = Stage::Starting(problem.begin_starting());
+        true
     }
 
     /// One slice.
@@ -118,7 +140,18 @@ impl<T: Real> Work<T> {
                     self.stage = Stage::Settling(problem.begin_settling());
                     Ok(Progress::Working)
                 }
-                Some(Err(why)) => Err(JointError::Start(why)),
+                Some(Err(why)) => {
+                    let contradicts = [
+                        Refusal::Inconsistent,
+                        Refusal::DidNotConverge,
+                        Refusal::TargetBehind,
+                    ];
+                    if contradicts.contains(&why) && self.begin_steeper(problem) {
+                        return Ok(Progress::Working);
+                    }
+                    problem.pitch_references(T::zero());
+                    Err(JointError::Start(why))
+                }
             },
             Stage::Settling(settling) => match problem.step_settling(settling, limits) {
                 None => Ok(Progress::Working),
@@ -232,6 +265,9 @@ impl<T: Real> Work<T> {
     ) -> Result<Progress<T>, JointError> {
         let told = problem.find_covariances();
         told.ok_or(JointError::Solve(Refusal::Undetermined))?;
+        if problem.is_frame_refused(solution.fit.inflation()) && self.begin_steeper(problem) {
+            return Ok(Progress::Working);
+        }
         Ok(Progress::Over(solution))
     }
 }

@@ -1,8 +1,13 @@
 //! `cargo xtask test`: all that must hold before a change lands. CI runs this and nothing else.
 
-use std::process::ExitCode;
+use std::{
+    env,
+    fs::{self, File},
+    path::PathBuf,
+    process::{Child, Command, ExitCode, Stdio},
+};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, anyhow, ensure};
 use board_facts::{
     BOARDS,
     chip::{Chip, NRF52833},
@@ -63,6 +68,8 @@ struct Stage {
     run: fn(&Shell) -> Result<()>,
     /// Runs only with `--all`, or where it is named.
     nightly: bool,
+    /// Waits more than it computes, so that it runs beside the stages that follow.
+    waits: bool,
 }
 
 const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result<()>) -> Stage {
@@ -72,6 +79,7 @@ const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result
         needs: nothing,
         run,
         nightly: false,
+        waits: false,
     }
 }
 
@@ -83,6 +91,13 @@ impl Stage {
     const fn nightly(self) -> Self {
         Self {
             nightly: true,
+            ..self
+        }
+    }
+
+    const fn waits(self) -> Self {
+        Self {
+            waits: true,
             ..self
         }
     }
@@ -109,7 +124,8 @@ const STAGES: [Stage; 22] = [
         "tests against programs of other projects",
         peers::run,
     )
-    .needs(setup::packages),
+    .needs(setup::packages)
+    .waits(),
     stage("lint", "clippy on code that only boards run", lint),
     stage(
         "firmware",
@@ -242,40 +258,44 @@ fn compare_units(units: usize) -> Result<()> {
     Ok(())
 }
 
-/// Runs stages until one fails, and prints the time that each took. Returns the compilation units of all.
+/// Runs stages until one fails, and prints the time that each took. Returns the compilation units of all. Of several
+/// stages, one that [waits](Stage::waits) runs beside those that follow.
 fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
     let whole = Meter::start(sh);
     let mut summary = format!("{:>7} {:>9} {:>6}\n", "wall", "processor", "units");
     let mut count = Count::default();
     let mut failure = None;
+    let mut waiting = Vec::new();
     for stage in stages {
         eprintln!("\n==> {}: {}", stage.name, stage.what);
         let meter = Meter::start(sh);
         let outcome = match left_out(stage, sh, is_ci) {
+            Ok(None) if stage.waits && stages.len() > 1 => match Beside::start(sh, stage, meter) {
+                Ok(beside) => {
+                    eprintln!(
+                        "runs beside what follows, which its time includes; its output comes at the end"
+                    );
+                    waiting.push(beside);
+                    continue;
+                }
+                Err(error) => {
+                    failure = Some(error);
+                    count.failed += 1;
+                    break;
+                }
+            },
             Ok(None) => (stage.run)(sh).map(|()| None),
             missing => missing,
         };
-        let said = match outcome {
-            Ok(None) => {
-                count.passed += 1;
-                String::new()
-            }
-            Ok(Some(why)) => {
-                count.left_out += 1;
-                format!(": LEFT OUT: {why}")
-            }
-            Err(error) => {
-                count.failed += 1;
-                failure = Some(error.context(format!("stage `{}`", stage.name)));
-                ": FAILED".to_owned()
-            }
-        };
-        let row = row(&meter, &format!("{}{said}", stage.name)).0;
-        eprint!("==>{row}");
-        summary += &row;
+        failure = count.add(stage, outcome, &meter, &mut summary);
         if failure.is_some() {
             break;
         }
+    }
+    for beside in waiting {
+        let (stage, outcome, meter) = beside.end();
+        let failed = count.add(stage, outcome.map(|()| None), &meter, &mut summary);
+        failure = failure.or(failed);
     }
     count.not_run = stages.len() - count.passed - count.failed - count.left_out;
     let (row, units) = row(&whole, "in all");
@@ -284,6 +304,51 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
         crate::complain(&error);
     }
     (count, units)
+}
+
+/// A stage that runs beside others, as a process of its own.
+struct Beside<'s> {
+    stage: &'s Stage,
+    process: Child,
+    /// File of what it prints.
+    said: PathBuf,
+    meter: Result<Meter>,
+}
+
+impl<'s> Beside<'s> {
+    fn start(sh: &Shell, stage: &'s Stage, meter: Result<Meter>) -> Result<Self> {
+        let this = env::current_exe().context("path of this program")?;
+        let name = stage.name;
+        let said = sh.create_dir("target/tools")?.join(format!("{name}.out"));
+        let output = File::create(&said).with_context(|| said.display().to_string())?;
+        let mut command = Command::from(cmd!(sh, "{this} test --stage {name}"));
+        command.stdin(Stdio::null());
+        command.stdout(output.try_clone()?).stderr(output);
+        let process = command
+            .spawn()
+            .with_context(|| this.display().to_string())?;
+        Ok(Self {
+            stage,
+            process,
+            said,
+            meter,
+        })
+    }
+
+    /// Waits for its end, and prints its output.
+    fn end(mut self) -> (&'s Stage, Result<()>, Result<Meter>) {
+        let status = self.process.wait();
+        eprintln!("\n==> {}: {}", self.stage.name, self.stage.what);
+        if let Ok(said) = fs::read(&self.said) {
+            eprint!("{}", String::from_utf8_lossy(&said));
+        }
+        let outcome = match status {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => Err(anyhow!("it ended with {status}")),
+            Err(error) => Err(error.into()),
+        };
+        (self.stage, outcome, self.meter)
+    }
 }
 
 /// A row of the table of stages, and its compilation units.
@@ -312,6 +377,36 @@ struct Count {
 }
 
 impl Count {
+    /// Counts how a stage ended, and adds its row. Returns the reason of a failure.
+    fn add(
+        &mut self,
+        stage: &Stage,
+        outcome: Result<Option<String>>,
+        meter: &Result<Meter>,
+        summary: &mut String,
+    ) -> Option<Error> {
+        let mut failure = None;
+        let said = match outcome {
+            Ok(None) => {
+                self.passed += 1;
+                String::new()
+            }
+            Ok(Some(why)) => {
+                self.left_out += 1;
+                format!(": LEFT OUT: {why}")
+            }
+            Err(error) => {
+                self.failed += 1;
+                failure = Some(error.context(format!("stage `{}`", stage.name)));
+                ": FAILED".to_owned()
+            }
+        };
+        let row = row(meter, &format!("{}{said}", stage.name)).0;
+        eprint!("==>{row}");
+        *summary += &row;
+        failure
+    }
+
     fn line(&self) -> String {
         let mut line = format!("{} passed, {} failed", self.passed, self.failed);
         for (count, what) in [(self.left_out, "left out"), (self.not_run, "not run")] {

@@ -4,10 +4,10 @@ use calib_core::{
     Ray, Refusal, angle,
     dead_reckoning::Place,
     fit::Fit,
-    level::{self, Mounting, Row, Tolerance},
-    reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
+    level::{self, Levelness, Mounting, Row, Tolerance},
+    reference::{self, Known, ReferenceOutcome, ReferenceSettings, ReferenceSolution, Stop},
 };
-use nalgebra::{Matrix2, Point2, RealField};
+use nalgebra::{Matrix2, Matrix3, Point2, RealField};
 
 use super::kept::{Kept, OfStop};
 use crate::{
@@ -98,7 +98,16 @@ const LEVEL: [Mounting<f32>; 2] = [Mounting {
     roll: 0.0,
 }; 2];
 
-/// Times that both mountings are improved.
+/// Pitches of both from which their mountings are sought, radians: level, and down by 25 and by 45 degrees.
+const STARTS: [f32; 3] = [0.0, 0.44, 0.79];
+
+/// Reasons for no answer though the stops have a solution.
+const DECIDED: [NotYet; 2] = [
+    NotYet::Refused(Refusal::Inconsistent),
+    NotYet::Refused(Refusal::Undetermined),
+];
+
+/// Times that both mountings are improved from a start.
 const MOUNTING_ROUNDS: usize = 8;
 
 /// Stops as the solve takes them, and what both saw there.
@@ -318,7 +327,10 @@ impl ReferenceStops {
             of_both.standing = place.parts().standing_sigma;
             let has_room = of_both.stops.push(Stop {
                 rays: [upright(&first, one), upright(&second, other)],
-                bearing_sigmas: seen.map(|seen| seen.sigma),
+                bearing_sigmas: [
+                    first.sigma * widened(&first, one),
+                    second.sigma * widened(&second, other),
+                ],
                 displacement: place.position() - from,
                 displacement_covariance: from_first - covariance,
             });
@@ -340,38 +352,73 @@ impl ReferenceStops {
         frame: &ReferenceFrame,
         wanted: usize,
     ) -> Result<Answer, NotYet> {
-        self.mountings = LEVEL;
-        let few = wanted.max(frame.fewest_to_check());
-        let as_level = self.attempt(frame, wanted, Attempt::All);
-        if !matches!(as_level, Err(NotYet::Refused(_))) {
-            return as_level;
-        }
-        // Cameras that are not level contradict each other until their rows are used.
-        for _ in 0..MOUNTING_ROUNDS {
-            let is_better = [Attempt::All, Attempt::Last(frame.fewest_to_check() + 1)]
-                .into_iter()
-                .any(|attempt| self.improve(frame, wanted, attempt));
-            if !is_better {
+        let mut why = NotYet::Waiting;
+        for pitch in STARTS {
+            self.mountings = [Mounting { pitch, roll: 0.0 }; 2];
+            match self.settled(frame, wanted) {
+                Err(NotYet::Refused(refusal)) if why == NotYet::Waiting => {
+                    why = NotYet::Refused(refusal);
+                }
+                Err(NotYet::Refused(_)) => {}
+                over => return over,
+            }
+            if self.mountings == LEVEL && DECIDED.contains(&why) {
+                // Their rows agree with that.
                 break;
             }
-            let answer = self.attempt(frame, wanted, Attempt::All);
-            if answer.is_ok() {
-                return answer;
-            }
         }
         self.mountings = LEVEL;
-        if as_level != Err(NotYet::Refused(Refusal::Inconsistent)) {
-            return as_level;
+        if why != NotYet::Refused(Refusal::Inconsistent) {
+            return Err(why);
         }
+        let few = wanted.max(frame.fewest_to_check());
         for attempt in [Attempt::Last(few), Attempt::LastResort] {
             // People should hear of the contradiction.
-            if let Ok(answer) = self.attempt(frame, wanted, attempt) {
+            let attempted = self.attempt(frame, wanted, attempt);
+            if let Ok(Attempted {
+                answer: Ok(answer), ..
+            }) = attempted
+            {
                 return Ok(answer);
             }
         }
-        Err(NotYet::Refused(Refusal::Inconsistent))
+        Err(why)
     }
 
+    /// The answer of all stops with mountings that agree with their rows, found from those that are believed so far.
+    fn settled(&mut self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
+        let mut changes = [0.0; 2];
+        for _ in 0..MOUNTING_ROUNDS {
+            let Attempted { answer, mut better } = self.attempt(frame, wanted, Attempt::All)?;
+            if better.is_none() && answer == Err(NotYet::Refused(Refusal::Inconsistent)) {
+                // Those of a walk that was interrupted contradict each other. Its last stops tell mountings too.
+                let few = Attempt::Last(frame.fewest_to_check() + 1);
+                better = self
+                    .attempt(frame, wanted, few)
+                    .ok()
+                    .and_then(|few| few.better);
+            }
+            let Some(better) = better else {
+                return answer;
+            };
+            for ((mounting, better), before) in
+                { self.mountings.iter_mut().zip(better) }.zip(&mut changes)
+            {
+                let change = better.pitch - mounting.pitch;
+                // One that turns back would go beyond what is sought, and farther each time.
+                *mounting = if change * *before < 0.0 {
+                    mounting.towards(&better)
+                } else {
+                    better
+                };
+                *before = change;
+            }
+        }
+        Err(NotYet::Refused(Refusal::DidNotConverge))
+    }
+
+    /// # Errors
+    /// There are too few stops, or they have no solution.
     // for less stack
     #[inline(never)]
     fn attempt(
@@ -379,58 +426,92 @@ impl ReferenceStops {
         frame: &ReferenceFrame,
         wanted: usize,
         attempt: Attempt,
-    ) -> Result<Answer, NotYet> {
+    ) -> Result<Attempted, NotYet> {
         let mut of_both = WalkOfBoth::default();
         let (target, last) = self.walk(wanted, attempt, &mut of_both)?;
-        let best = decided(&of_both.stops, &frame.known(), attempt)?;
-        let (poses, located) = in_frame_of_site(&best, &of_both.stops, last, frame)?;
-        let hung = of_both.rows(&best);
-        let tolerance = of_both.tolerance(frame);
-        let mut mounts = [None; 2];
-        for (((mount, pose), rows), mounting) in { mounts.iter_mut() }
-            .zip(best.poses(Point2::origin(), 0.0))
-            .zip(&hung)
-            .zip(self.mountings)
-        {
-            let judged = level::judge(&pose, rows, mounting, &tolerance);
-            *mount = judged.and_then(|judged| Mount::of(mounting, judged.height));
-        }
-        Ok(Answer {
-            poses,
-            mounts,
-            target,
-            located,
-            stops: of_both.stops.len(),
-            fit: best.fit(),
-        })
-    }
-
-    /// Takes better mountings of both, if their rows tell any: of the best answer, though the stops contradict it.
-    // for less stack
-    #[inline(never)]
-    fn improve(&mut self, frame: &ReferenceFrame, wanted: usize, attempt: Attempt) -> bool {
-        let mut of_both = WalkOfBoth::default();
-        let settings = ReferenceSettings::default();
-        let solved = self.walk(wanted, attempt, &mut of_both).is_ok();
-        let solved = solved.then(|| reference::solve(&of_both.stops, &frame.known(), &settings));
-        let Some(Ok(outcome)) = solved else {
-            return false;
+        // By reference: large, and moved it would be on the stack twice.
+        let mut solved = reference::solve(
+            &of_both.stops,
+            &frame.known(),
+            &ReferenceSettings::default(),
+        );
+        let outcome = match &mut solved {
+            Ok(outcome) => outcome,
+            Err(why) => return Err(NotYet::Refused(*why)),
         };
-        let poses = outcome.best.poses(Point2::origin(), 0.0);
-        let hung = of_both.rows(&outcome.best);
-        let tolerance = of_both.tolerance(frame);
-        let mut is_better = false;
-        for ((mounting, pose), rows) in self.mountings.iter_mut().zip(poses).zip(&hung) {
-            if let Some(better) = level::improved(&pose, rows, *mounting, &tolerance) {
-                *mounting = better;
-                is_better = true;
-            }
-        }
-        is_better
+        let hung = of_both.hung(&outcome.best, self.mountings, frame);
+        let is_better = hung.iter().any(|hung| hung.better.is_some());
+        let better = is_better.then(|| {
+            let [one, other] = self.mountings;
+            let [first, second] = hung.map(|hung| hung.better);
+            [first.unwrap_or(one), second.unwrap_or(other)]
+        });
+        let answer = decided(outcome, attempt, &hung).and_then(|best| {
+            let (poses, located) = in_frame_of_site(best, &of_both.stops, last, frame)?;
+            Ok(Answer {
+                poses,
+                mounts: hung.map(|hung| hung.mount()),
+                target,
+                located,
+                stops: of_both.stops.len(),
+                fit: best.fit(),
+            })
+        });
+        Ok(Attempted { answer, better })
+    }
+}
+
+/// Result of an attempt.
+struct Attempted {
+    answer: Result<Answer, NotYet>,
+    /// Better mountings of both, if their rows tell any: even where the stops contradict the answer.
+    better: Option<[Mounting<f32>; 2]>,
+}
+
+/// Mounting of a reference, by its rows.
+#[derive(Clone, Copy)]
+struct Hung {
+    judged: Option<Levelness<f32>>,
+    better: Option<Mounting<f32>>,
+}
+
+impl Hung {
+    fn mount(&self) -> Option<Mount> {
+        self.judged
+            .and_then(|judged| Mount::of(judged.mounting, judged.height))
     }
 }
 
 impl WalkOfBoth {
+    /// The mountings of both, where these are believed.
+    // for less stack
+    #[inline(never)]
+    fn hung(
+        &self,
+        best: &ReferenceSolution<f32>,
+        mountings: [Mounting<f32>; 2],
+        frame: &ReferenceFrame,
+    ) -> [Hung; 2] {
+        let tolerance = Tolerance {
+            tilt: frame.tilt,
+            bob: self.standing,
+        };
+        let mut all = [Hung {
+            judged: None,
+            better: None,
+        }; 2];
+        let poses = best.poses(Point2::origin(), 0.0);
+        let rows = self.rows(best);
+        for (((hung, pose), rows), mounting) in all.iter_mut().zip(&poses).zip(&rows).zip(mountings)
+        {
+            *hung = Hung {
+                judged: level::judge(pose, rows, mounting, &tolerance),
+                better: level::improved(pose, rows, mounting, &tolerance),
+            };
+        }
+        all
+    }
+
     /// The rows of both cameras, in the frame between them.
     fn rows(&self, best: &ReferenceSolution<f32>) -> [heapless::Vec<Row<f32>, REFERENCE_STOPS>; 2] {
         let mut all = [heapless::Vec::new(), heapless::Vec::new()];
@@ -450,13 +531,6 @@ impl WalkOfBoth {
         }
         all
     }
-
-    fn tolerance(&self, frame: &ReferenceFrame) -> Tolerance<f32> {
-        Tolerance {
-            tilt: frame.tilt,
-            bob: self.standing,
-        }
-    }
 }
 
 impl ReferenceFrame {
@@ -466,6 +540,15 @@ impl ReferenceFrame {
             frame_heading: self.sensor_heading,
         }
     }
+}
+
+/// Factor by which an upright direction errs more than the one that was seen: the row errs too.
+fn widened(seen: &Seen, mounting: Mounting<f32>) -> f32 {
+    let elevation = seen.elevation.radians().filter(|_| !mounting.is_level());
+    let by_row = elevation.map_or(0.0, |elevation| {
+        mounting.by_elevation(seen.bearing, elevation)
+    });
+    root(1.0 + by_row * by_row)
 }
 
 /// Direction that a camera with this mounting sees, as a level one would. Without its row it stays as it is.
@@ -480,23 +563,19 @@ fn upright(seen: &Seen, mounting: Mounting<f32>) -> Ray<f32> {
     }
 }
 
-/// The one answer of these stops. They may contradict each other in the last resort.
-// for less stack
-#[inline(never)]
-fn decided(
-    stops: &[Stop<f32>],
-    known: &Known<f32>,
+/// The one answer of these stops, as uncertain as they and the mountings of both are. They may contradict each other
+/// in the last resort.
+fn decided<'a>(
+    outcome: &'a mut ReferenceOutcome<f32>,
     attempt: Attempt,
-) -> Result<ReferenceSolution<f32>, NotYet> {
-    // By reference: large, and moved it would be on the stack twice.
-    let mut solved = reference::solve(stops, known, &ReferenceSettings::default());
-    let outcome = match &mut solved {
-        Ok(outcome) => outcome,
-        Err(why) => return Err(NotYet::Refused(*why)),
-    };
+    hung: &[Hung; 2],
+) -> Result<&'a ReferenceSolution<f32>, NotYet> {
     let best = &mut outcome.best;
     let fit = best.fit();
-    if fit.is_bad() && attempt != Attempt::LastResort {
+    let is_refused = hung
+        .iter()
+        .any(|hung| hung.judged.is_some_and(|judged| judged.is_refused()));
+    if is_refused || fit.is_bad() && attempt != Attempt::LastResort {
         return Err(NotYet::Refused(Refusal::Inconsistent));
     }
     best.covariance *= fit.inflation();
@@ -504,7 +583,17 @@ fn decided(
     if outcome.alternative.is_some() || !sure {
         return Err(NotYet::Refused(Refusal::Undetermined));
     }
-    Ok(*best)
+    let [first, second] = hung.map(|hung| {
+        hung.judged
+            .map_or_else(Matrix3::zeros, |judged| judged.widening)
+    });
+    let c = &mut best.covariance;
+    c.m11 += first.m33;
+    c.m22 += second.m33;
+    if c.m66 > 0.0 {
+        c.m66 += second.m11;
+    }
+    Ok(best)
 }
 
 /// Both poses, and where the target stood at the last stop.

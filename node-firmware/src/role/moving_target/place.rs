@@ -127,23 +127,28 @@ impl TargetRole<'_> {
 
     /// The first reference camera solved, and tells where this target stood.
     pub(super) fn on_located(&mut self, now: Instant, located: &TargetLocation) {
-        let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
-        let is_of_use = located.is_usable() && !self.located && !self.sensor_failed;
-        let Some(&(_, then)) = then.filter(|_| is_of_use) else {
+        if !located.is_usable() || self.located || self.sensor_failed {
             return;
-        };
+        }
         let heading = (located.frame_heading, located.frame_heading_sigma);
-        if let Some(estimate) = &mut self.estimate {
+        // A stop that was long ago tells no place, but the direction of the sensor's axes is still what it was.
+        let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
+        let then = then.map(|(_, then)| *then);
+        if let Some(estimate) = &mut self.estimate
+            && (then.is_some() || estimate.index(located.stop).is_some())
+        {
             estimate.on_sensor(heading.0, heading.1);
         }
-        self.fix(
-            now,
-            &then,
-            Point2::from(located.position),
-            matrix(located.covariance),
-            heading,
-            systematic(&self.config, heading.1),
-        );
+        if let Some(then) = then {
+            self.fix(
+                now,
+                &then,
+                Point2::from(located.position),
+                matrix(located.covariance),
+                heading,
+                systematic(&self.config, heading.1),
+            );
+        }
         self.find_references();
     }
 

@@ -78,7 +78,8 @@ pub(super) fn of_doubt(record: &RunRecord, camera: &Node) -> Option<Cause> {
 /// The bearings of a camera against those under which the target really was. Where the target
 /// believed to be is no part of that, and neither are its sigmas.
 fn true_bearings(record: &RunRecord, camera: &Node) -> Option<Fit<f64>> {
-    let truth = camera.truth?;
+    // Bearings of a camera that is not level are no directions on the floor.
+    let truth = camera.truth.filter(|_| camera.mount.is_none())?;
     let fits = camera.residuals.iter().filter_map(|residual| {
         let stop = record.stop(residual)?;
         let (dx, dy) = (stop.x - truth.x, stop.y - truth.y);
