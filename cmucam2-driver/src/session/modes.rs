@@ -151,12 +151,10 @@ impl Modes {
         if order.effect() != Effect::Registers {
             return true;
         }
-        let mut next = self.clone();
-        next.remember(order);
         let (pairs, _) = order.arguments().as_chunks::<2>();
-        pairs
-            .iter()
-            .all(|&[register, value]| next.register(Register(register)) == Some(value))
+        let known = |pair: &&[u8; 2]| self.register(Register(pair[0])).is_some();
+        let new = pairs.len() - pairs.iter().filter(known).count();
+        usize::from(self.registers_len) + new <= REGISTERS_MAX
     }
 
     /// The value that a register was set to.

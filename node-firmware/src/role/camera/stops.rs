@@ -1,6 +1,6 @@
 //! A camera at a stop of a target: it looks, answers and counts.
 
-use calib_core::{Real, Status, angle, dead_reckoning::Place};
+use calib_core::{Pose, Real, Status, angle, dead_reckoning::Place};
 use nalgebra::{RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
@@ -198,8 +198,7 @@ impl CameraRole {
         let is_located = stopped.frame == CoordinateFrame::Site;
         let pose = report.pose().filter(|_| is_trusted && is_located)?.pose()?;
         let to_target = stopped.place.position() - pose.position;
-        let direction = RealField::atan2(to_target.y, to_target.x);
-        let off = angle::wrap_signed(direction - pose.heading);
+        let off = off_heading(&pose, &to_target);
         Some((off, root(to_target.norm_squared())))
     }
 
@@ -328,8 +327,7 @@ impl CameraRole {
             + (across.transpose() * position * across).x
             + 2.0 * (across.x * c.m13 + across.y * c.m23)
             + c.m33;
-        let direction = RealField::atan2(to_target.y, to_target.x);
-        let off = angle::wrap_signed(direction - pose.heading - seen.bearing);
+        let off = angle::wrap_signed(off_heading(&pose, &to_target) - seen.bearing);
         let is_off = off * off > variance * (WATCH_SIGMAS * WATCH_SIGMAS);
         self.misses = if is_off {
             (self.misses + 1).min(MISSES + 1)
@@ -437,4 +435,12 @@ impl CameraRole {
             }
         }
     }
+}
+
+/// Angle of a direction off the heading of a pose, radians.
+// for less flash
+#[inline(never)]
+fn off_heading(pose: &Pose<f32>, to_target: &Vector2<f32>) -> f32 {
+    let direction = RealField::atan2(to_target.y, to_target.x);
+    angle::wrap_signed(direction - pose.heading)
 }

@@ -97,6 +97,7 @@ pub struct Steadiness<const N: usize> {
     shape: Shape,
     frames: usize,
     window: Deque<Option<Blob>, N>,
+    is_unanimous: bool,
 }
 
 /// A blob that stood still.
@@ -215,12 +216,14 @@ impl<const N: usize> Steadiness<N> {
             shape,
             frames: frames.clamp(2, N),
             window: Deque::new(),
+            is_unanimous: false,
         }
     }
 
     /// Forgets all frames.
     pub fn clear(&mut self) {
         self.window.clear();
+        self.is_unanimous = false;
     }
 
     /// Takes the blob of a frame, and judges the last ones.
@@ -237,40 +240,36 @@ impl<const N: usize> Steadiness<N> {
     }
 
     /// Returns true if all the frames looked at say the same: nothing in view, or all of it clipped.
-    pub fn is_unanimous(&self) -> bool {
-        let mut cut = self
-            .window
-            .iter()
-            .map(|blob| blob.as_ref().map(|blob| self.is_cut(blob)));
-        let first = cut.next();
-        first != Some(Some(false))
-            && self.window.len() >= self.frames
-            && cut.all(|cut| first == Some(cut))
+    pub const fn is_unanimous(&self) -> bool {
+        self.is_unanimous
     }
 
-    fn judge(&self) -> Result<Steady, Unsteady> {
+    fn judge(&mut self) -> Result<Steady, Unsteady> {
         let frames = self.window.len();
         if frames < self.frames {
             return Err(Unsteady::Few);
         }
+        let (mut lost, mut cut) = (0, 0);
+        let mut whole = Vec::<&Blob, N>::new();
+        for blob in &self.window {
+            match blob {
+                None => lost += 1,
+                Some(blob) if self.is_cut(blob) => cut += 1,
+                Some(blob) => {
+                    // As many as there are frames.
+                    let _ = whole.push(blob);
+                }
+            }
+        }
+        self.is_unanimous = lost == frames || cut == frames;
         let allowed = frames / UNUSABLE;
-        let seen = || self.window.iter().flatten();
-        let lost = frames - seen().count();
         if lost > allowed {
             return Err(Unsteady::Lost {
                 lost: lost as u16,
                 frames: frames as u16,
             });
         }
-        let mut whole = Vec::<&Blob, N>::new();
-        for blob in seen().filter(|blob| !self.is_cut(blob)) {
-            // As many as there are frames.
-            let _ = whole.push(blob);
-        }
-        let Some(last) = whole
-            .last()
-            .filter(|_| frames - lost - whole.len() <= allowed)
-        else {
+        let Some(last) = whole.last().filter(|_| cut <= allowed) else {
             return Err(Unsteady::Clipped);
         };
         let middles = sorted::<N>(&whole, Blob::middle);
@@ -390,8 +389,8 @@ impl Steady {
     /// that no frame shows, columns, from 0.
     pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
         let (bearing, sigma) = self.bearing(camera, floor);
-        let width = camera.bearing(self.left) - camera.bearing(self.right);
-        let seen = Seen::direction(bearing, sigma).wide(width * 0.5);
+        let half_width = camera.bearing(self.left) - bearing;
+        let seen = Seen::direction(bearing, sigma).wide(half_width);
         match self.above {
             Some([top, bottom]) => {
                 let row = (camera.angle(top) + camera.angle(bottom)) * 0.5;
