@@ -9,8 +9,6 @@ use core::fmt;
 pub enum ArgumentError {
     /// A lower bound above its upper bound.
     BoundsOrder,
-    /// A channel other than 0 (red), 1 (green) or 2 (blue).
-    Channel,
     /// A window whose left or upper edge lies behind its right or lower one.
     WindowOrder,
     /// A down-sampling factor of zero.
@@ -23,36 +21,20 @@ pub enum ArgumentError {
     ServoPosition,
     /// A mask with bits that no packet field has.
     Mask,
-    /// A switch that is neither 0 nor 1.
-    Switch,
-    /// A mode that does not exist.
-    Mode,
 }
 
 impl fmt::Display for ArgumentError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::BoundsOrder => "a lower bound must not exceed its upper bound",
-            Self::Channel => "a channel must be 0 (red), 1 (green) or 2 (blue)",
             Self::WindowOrder => "a window must have its first corner above and left of its second",
             Self::DownSampling => "a down-sampling factor must be at least 1",
             Self::Registers => "one command carries at most 5 pairs of register and value",
             Self::Servo => "a servo must be 0 to 4",
             Self::ServoPosition => "a servo position must be 46 to 210",
             Self::Mask => "a mask may only have bits of existing packet fields",
-            Self::Switch => "a switch must be 0 or 1",
-            Self::Mode => "there is no such mode",
         })
     }
 }
 
 impl core::error::Error for ArgumentError {}
-
-/// `0` and `1` as the camera writes switches.
-pub(crate) fn switch(value: u8) -> Result<bool, ArgumentError> {
-    match value {
-        0 => Ok(false),
-        1 => Ok(true),
-        _ => Err(ArgumentError::Switch),
-    }
-}

@@ -30,19 +30,6 @@ impl ColourChannel {
     }
 }
 
-impl TryFrom<u8> for ColourChannel {
-    type Error = ArgumentError;
-
-    fn try_from(number: u8) -> Result<Self, ArgumentError> {
-        match number {
-            0 => Ok(Self::Red),
-            1 => Ok(Self::Green),
-            2 => Ok(Self::Blue),
-            _ => Err(ArgumentError::Channel),
-        }
-    }
-}
-
 /// A colour as the camera measured it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -85,6 +72,13 @@ impl LevelRange {
         Self {
             min: level.saturating_sub(margin).clamp(LEVEL_MIN, LEVEL_MAX),
             max: level.saturating_add(margin).clamp(LEVEL_MIN, LEVEL_MAX),
+        }
+    }
+
+    const fn widened(self, by: u8) -> Self {
+        Self {
+            min: self.min.saturating_sub(by),
+            max: self.max.saturating_add(by),
         }
     }
 
@@ -145,6 +139,16 @@ impl ColourBounds {
         }
     }
 
+    /// So many levels more at both ends of each channel, as far as the camera takes them.
+    #[must_use]
+    pub const fn widened(self, by: u8) -> Self {
+        Self {
+            red: self.red.widened(by),
+            green: self.green.widened(by),
+            blue: self.blue.widened(by),
+        }
+    }
+
     /// `[Rmin, Rmax, Gmin, Gmax, Bmin, Bmax]`.
     pub const fn values(self) -> [u8; 6] {
         [
@@ -194,5 +198,6 @@ mod tests {
             30,
         );
         assert_eq!(bounds.values(), [200, 240, 70, 130, 16, 30]);
+        assert_eq!(bounds.widened(16).values(), [184, 255, 54, 146, 0, 46]);
     }
 }

@@ -51,18 +51,3 @@ impl<const N: usize> Line<N> {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&[])
     }
 }
-
-/// A decimal number of one to three digits, at most 255.
-pub(crate) fn decimal(text: &[u8]) -> Option<u8> {
-    if text.is_empty() || text.len() > 3 {
-        return None;
-    }
-    let mut value = 0_u16;
-    for &digit in text {
-        if !digit.is_ascii_digit() {
-            return None;
-        }
-        value = value * 10 + u16::from(digit - b'0');
-    }
-    u8::try_from(value).ok()
-}

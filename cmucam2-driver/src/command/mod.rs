@@ -1,18 +1,15 @@
 //! The commands as types: every command that can be constructed can be sent.
 //!
-//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes it,
-//! [`Command::parse`] reads that line. Cameras take more than that.
+//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes it.
 
 mod modes;
 mod order;
-mod parse;
 
 pub use modes::{
     LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
 };
 pub use order::Order;
 pub(crate) use order::{Effect, Mode};
-pub use parse::CommandError;
 
 use crate::{
     colour::{ColourBounds, ColourChannel},
@@ -186,28 +183,24 @@ impl Command {
     /// The same without its name, for the dialogue.
     #[inline(always)] // for less flash: of a command that is known where it is sent, nothing else is linked.
     pub fn order(&self) -> Order {
-        let mode = |letters, arguments: &[u8], mode| Order::mode(letters, arguments, mode);
-        let switch = |letters, on, mode| Order::mode(letters, &[u8::from(on)], mode);
+        let mode = Order::mode;
+        let switch = |mode, on| Order::mode(mode, &[u8::from(on)]);
         let ask = |letters, reply| Order::bare(letters, reply, Effect::Nothing);
         match *self {
             Self::Idle => Order::IDLE,
-            Self::BufferMode(on) => switch(b"BM", on, Mode::Buffer),
-            Self::CameraPower(on) => switch(b"CP", on, Mode::Power),
+            Self::BufferMode(on) => switch(Mode::Buffer, on),
+            Self::CameraPower(on) => switch(Mode::Power, on),
             Self::Registers(registers) => {
                 Order::bare(b"CR", Reply::Nothing, Effect::Registers).with(registers.numbers())
             }
-            Self::CameraType(sensor) => switch(b"CT", sensor == Sensor::Ov7620, Mode::CameraType),
-            Self::DifferenceChannel(channel) => {
-                mode(b"DC", &[channel.number()], Mode::DifferenceChannel)
-            }
-            Self::CharacterDelay(delay) => mode(b"DM", &[delay], Mode::CharacterDelay),
-            Self::DownSample(sampling) => {
-                mode(b"DS", &[sampling.x(), sampling.y()], Mode::DownSampling)
-            }
+            Self::CameraType(sensor) => switch(Mode::CameraType, sensor == Sensor::Ov7620),
+            Self::DifferenceChannel(channel) => mode(Mode::DifferenceChannel, &[channel.number()]),
+            Self::CharacterDelay(delay) => mode(Mode::CharacterDelay, &[delay]),
+            Self::DownSample(sampling) => mode(Mode::DownSampling, &[sampling.x(), sampling.y()]),
             Self::FrameDifference(threshold) => {
                 ask(b"FD", Reply::Packets(PacketKind::Difference)).with(&[threshold])
             }
-            Self::FrameStream(on) => switch(b"FS", on, Mode::FrameStream),
+            Self::FrameStream(on) => switch(Mode::FrameStream, on),
             Self::GetButton => ask(b"GB", Reply::Values(1)),
             Self::GetHistogram(channel) => {
                 ask(b"GH", Reply::Packets(PacketKind::Histogram)).with(&[channel.number()])
@@ -218,72 +211,67 @@ impl Command {
             Self::GetTrackingBounds => ask(b"GT", Reply::Values(6)),
             Self::GetVersion => ask(b"GV", Reply::Banner),
             Self::GetWindow => ask(b"GW", Reply::Values(4)),
-            Self::HistogramConfiguration { bins, scale } => {
-                mode(b"HC", &[bins, scale], Mode::Histogram)
-            }
-            Self::HighResolutionDifference(on) => switch(b"HD", on, Mode::DifferenceGrid),
-            Self::HighResolution(on) => switch(b"HR", on, Mode::HighResolution),
-            Self::HistogramTracked(on) => switch(b"HT", on, Mode::HistogramTracked),
-            Self::Led0(led) => mode(b"L0", &[led.number()], Mode::Led0),
-            Self::Led1(led) => mode(b"L1", &[led.number()], Mode::Led1),
+            Self::HistogramConfiguration { bins, scale } => mode(Mode::Histogram, &[bins, scale]),
+            Self::HighResolutionDifference(on) => switch(Mode::DifferenceGrid, on),
+            Self::HighResolution(on) => switch(Mode::HighResolution, on),
+            Self::HistogramTracked(on) => switch(Mode::HistogramTracked, on),
+            Self::Led0(led) => mode(Mode::Led0, &[led.number()]),
+            Self::Led1(led) => mode(Mode::Led1, &[led.number()]),
             Self::LoadFrame => ask(b"LF", Reply::Nothing),
             Self::LineMode(lines) => mode(
-                b"LM",
-                &lines.numbers(),
                 match lines {
                     LineMode::Tracking(_) => Mode::TrackingLines,
                     LineMode::Statistics(_) => Mode::StatisticsLines,
                 },
+                &lines.numbers(),
             ),
             Self::MaskDifference(threshold) => ask(b"MD", Reply::Nothing).with(&[threshold]),
-            Self::NoiseFilter(pixels) => mode(b"NF", &[pixels], Mode::NoiseFilter),
+            Self::NoiseFilter(pixels) => mode(Mode::NoiseFilter, &[pixels]),
             Self::OutputMask(mask) => mode(
-                b"OM",
-                &mask.numbers(),
                 match mask {
                     OutputMask::Tracking(_) => Mode::TrackingMask,
                     OutputMask::Statistics(_) => Mode::StatisticsMask,
                 },
+                &mask.numbers(),
             ),
-            Self::PixelDifference(on) => switch(b"PD", on, Mode::PixelDifference),
-            Self::PacketFilter(on) => switch(b"PF", on, Mode::PacketFilter),
-            Self::PollMode(on) => switch(b"PM", on, Mode::Poll),
-            Self::PacketSkip(packets) => mode(b"PS", &[packets], Mode::PacketSkip),
+            Self::PixelDifference(on) => switch(Mode::PixelDifference, on),
+            Self::PacketFilter(on) => switch(Mode::PacketFilter, on),
+            Self::PollMode(on) => switch(Mode::Poll, on),
+            Self::PacketSkip(packets) => mode(Mode::PacketSkip, &[packets]),
             Self::ReadFrame => ask(b"RF", Reply::Nothing),
-            Self::RawMode(raw) => mode(b"RM", &[raw.bits()], Mode::Raw),
+            Self::RawMode(raw) => mode(Mode::Raw, &[raw.bits()]),
             Self::Reset => Order::RESET,
             Self::DeepSleep => ask(b"SD", Reply::Sleep),
             Self::SendFrame(None) => ask(b"SF", Reply::Frame),
             Self::SendFrame(Some(channel)) => ask(b"SF", Reply::Frame).with(&[channel.number()]),
             Self::Sleep => ask(b"SL", Reply::Sleep),
-            Self::ServoMask(mask) => mode(b"SM", &[mask.bits()], Mode::ServoMask),
-            Self::ServoOutput(servo, high) => mode(
+            Self::ServoMask(mask) => mode(Mode::ServoMask, &[mask.bits()]),
+            Self::ServoOutput(servo, high) => Order::bare(
                 b"SO",
-                &[servo.number(), u8::from(high)],
-                Mode::servo(servo.number()),
-            ),
+                Reply::Nothing,
+                Effect::Mode(Mode::servo(servo.number())),
+            )
+            .with(&[servo.number(), u8::from(high)]),
             Self::ServoParameters(ServoParameters { pan, tilt }) => mode(
-                b"SP",
-                &[pan.far, pan.near, pan.step, tilt.far, tilt.near, tilt.step],
                 Mode::ServoParameters,
+                &[pan.far, pan.near, pan.step, tilt.far, tilt.near, tilt.step],
             ),
             Self::ServoPosition(servo, position) => mode(
-                b"SV",
-                &[servo.number(), position.get()],
                 Mode::servo(servo.number()),
+                &[servo.number(), position.get()],
             ),
             Self::SetBounds(bounds) => Order::set_bounds(&bounds.values()),
             Self::TrackColour(None) => Order::TRACK_AGAIN,
             Self::TrackColour(Some(bounds)) => Order::TRACK_AGAIN.with(&bounds.values()),
-            Self::TrackInvert(on) => switch(b"TI", on, Mode::Invert),
+            Self::TrackInvert(on) => switch(Mode::Invert, on),
             Self::TrackWindow => Order::bare(
                 b"TW",
                 Reply::Packets(PacketKind::Tracking),
                 Effect::OwnBounds,
             ),
             Self::UploadDifference => ask(b"UD", Reply::Upload),
-            Self::VirtualWindow(None) => mode(b"VW", &[], Mode::Window),
-            Self::VirtualWindow(Some(window)) => mode(b"VW", &window.corners(), Mode::Window),
+            Self::VirtualWindow(None) => mode(Mode::Window, &[]),
+            Self::VirtualWindow(Some(window)) => mode(Mode::Window, &window.corners()),
         }
     }
 

@@ -24,19 +24,6 @@ impl LedMode {
     }
 }
 
-impl TryFrom<u8> for LedMode {
-    type Error = ArgumentError;
-
-    fn try_from(number: u8) -> Result<Self, ArgumentError> {
-        match number {
-            0 => Ok(Self::Off),
-            1 => Ok(Self::On),
-            2 => Ok(Self::Auto),
-            _ => Err(ArgumentError::Mode),
-        }
-    }
-}
-
 /// Row data before each colour-tracking packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -86,22 +73,6 @@ impl LineMode {
     }
 }
 
-impl TryFrom<[u8; 2]> for LineMode {
-    type Error = ArgumentError;
-
-    fn try_from(numbers: [u8; 2]) -> Result<Self, ArgumentError> {
-        Ok(match numbers {
-            [0, 0] => Self::Tracking(TrackingLines::Off),
-            [0, 1] => Self::Tracking(TrackingLines::Bitmap),
-            [0, 2] => Self::Tracking(TrackingLines::Rows),
-            [1, 0] => Self::Statistics(StatisticsLines::Off),
-            [1, 1] => Self::Statistics(StatisticsLines::Means),
-            [1, 2] => Self::Statistics(StatisticsLines::MeansAndDeviations),
-            _ => return Err(ArgumentError::Mode),
-        })
-    }
-}
-
 /// Fields of a packet that are sent (`OM`), the first field in the lowest bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -146,23 +117,11 @@ impl OutputMask {
     }
 }
 
-impl TryFrom<[u8; 2]> for OutputMask {
-    type Error = ArgumentError;
-
-    fn try_from([kind, mask]: [u8; 2]) -> Result<Self, ArgumentError> {
-        match kind {
-            0 => Ok(Self::Tracking(mask)),
-            1 => Ok(Self::Statistics(StatisticsMask::new(mask)?)),
-            _ => Err(ArgumentError::Mode),
-        }
-    }
-}
-
 /// Raw mode (`RM`): three bits.
 ///
 /// The driver itself only ever uses [`RawMode::OFF`] and [`RawMode::OUTPUT`]. Without `ACK` and
 /// `NCK` it could not tell acceptance from refusal, and a host that restarts while raw input is
-/// on cannot talk to the camera any more. An emulator meets the others.
+/// on cannot talk to the camera any more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RawMode(u8);
@@ -190,15 +149,5 @@ impl RawMode {
     /// Packets and values are binary.
     pub const fn output(self) -> bool {
         self.0 & 1 != 0
-    }
-
-    /// `ACK` and `NCK` are not sent.
-    pub const fn suppress_replies(self) -> bool {
-        self.0 & 2 != 0
-    }
-
-    /// Commands are expected in binary.
-    pub const fn input(self) -> bool {
-        self.0 & 4 != 0
     }
 }

@@ -75,6 +75,42 @@ pub(crate) enum Mode {
 }
 
 impl Mode {
+    /// Letters and number of arguments of the command of each.
+    pub(crate) const COMMANDS: [([u8; 2], u8); 32] = [
+        (*b"CT", 1),
+        (*b"HR", 1),
+        (*b"DS", 2),
+        (*b"VW", 4),
+        (*b"BM", 1),
+        (*b"DC", 1),
+        (*b"DM", 1),
+        (*b"HD", 1),
+        (*b"HC", 2),
+        (*b"HT", 1),
+        (*b"FS", 1),
+        (*b"L0", 1),
+        (*b"L1", 1),
+        (*b"LM", 2),
+        (*b"LM", 2),
+        (*b"NF", 1),
+        (*b"OM", 2),
+        (*b"OM", 2),
+        (*b"PD", 1),
+        (*b"PF", 1),
+        (*b"PM", 1),
+        (*b"PS", 1),
+        (*b"SP", 6),
+        (*b"SM", 1),
+        (*b"SV", 2),
+        (*b"SV", 2),
+        (*b"SV", 2),
+        (*b"SV", 2),
+        (*b"SV", 2),
+        (*b"TI", 1),
+        (*b"CP", 1),
+        (*b"RM", 1),
+    ];
+
     /// That of a servo's pin.
     pub(super) const fn servo(number: u8) -> Self {
         match number {
@@ -128,8 +164,16 @@ impl Order {
     }
 
     /// A command that sets a mode.
-    pub(crate) fn mode(letters: &[u8; 2], arguments: &[u8], mode: Mode) -> Self {
-        Self::bare(letters, Reply::Nothing, Effect::Mode(mode)).with(arguments)
+    pub(crate) fn mode(mode: Mode, arguments: &[u8]) -> Self {
+        let letters = Mode::COMMANDS
+            .get(mode as usize)
+            .map(|(letters, _)| *letters);
+        Self {
+            letters,
+            effect: Effect::Mode(mode),
+            ..Self::IDLE
+        }
+        .with(arguments)
     }
 
     /// `ST`: bounds without tracking.

@@ -50,6 +50,13 @@ fn tracking(answer: Answer, modes: &Modes) -> Option<Option<Tracking>> {
 
 /// Any command.
 impl<U, D, K> Cmucam2<U, D, K> {
+    /// Any request to the [session](crate::session), with its answer as it is: where each kind of answer in a program of
+    /// its own would take too much flash.
+    #[inline(always)] // for less flash
+    pub fn request(&mut self, request: Request) -> Call<'_, U, D, Answer, K> {
+        self.call(request, answer)
+    }
+
     /// A single command: a mode, a query, a servo, a lamp. The reply stands beside each [`Command`];
     /// [`Answer::Done`] if there is none. For a command that answers with packets, one is taken and the
     /// camera is stopped if it goes on.

@@ -5,8 +5,7 @@ use core::ops::Range;
 use crate::{
     colour::ColourBounds,
     command::{
-        Effect, LineMode, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask,
-        TrackingLines,
+        Effect, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask, TrackingLines,
     },
     features::FULL,
     geometry::{DownSampling, Sensor, Size, Window},
@@ -19,48 +18,12 @@ use crate::{
 /// Number of different registers that are remembered.
 pub const REGISTERS_MAX: usize = 2 * PAIRS_MAX;
 
-/// Commands of the modes: letters and number of arguments, by [`Mode`].
-const COMMANDS: [([u8; 2], u8); 32] = [
-    (*b"CT", 1),
-    (*b"HR", 1),
-    (*b"DS", 2),
-    (*b"VW", 4),
-    (*b"BM", 1),
-    (*b"DC", 1),
-    (*b"DM", 1),
-    (*b"HD", 1),
-    (*b"HC", 2),
-    (*b"HT", 1),
-    (*b"FS", 1),
-    (*b"L0", 1),
-    (*b"L1", 1),
-    (*b"LM", 2),
-    (*b"LM", 2),
-    (*b"NF", 1),
-    (*b"OM", 2),
-    (*b"OM", 2),
-    (*b"PD", 1),
-    (*b"PF", 1),
-    (*b"PM", 1),
-    (*b"PS", 1),
-    (*b"SP", 6),
-    (*b"SM", 1),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (SERVO_POSITION, 2),
-    (*b"TI", 1),
-    (*b"CP", 1),
-    (*b"RM", 1),
-];
-
 /// A pin has either a position of 46 to 210 or, as an output, 0 or 1: its value tells which.
 const SERVO_POSITION: [u8; 2] = *b"SV";
 const SERVO_OUTPUT: [u8; 2] = *b"SO";
 
 /// The arguments of all modes, one after the other.
-const ARGUMENTS: usize = count(&COMMANDS);
+const ARGUMENTS: usize = count(&Mode::COMMANDS);
 
 /// Number of arguments of these modes.
 const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
@@ -74,8 +37,8 @@ const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
 
 /// Places of the arguments of a mode.
 fn place(mode: usize) -> Option<Range<usize>> {
-    let from = count(COMMANDS.get(..mode)?);
-    let to = count(COMMANDS.get(..=mode)?);
+    let from = count(Mode::COMMANDS.get(..mode)?);
+    let to = count(Mode::COMMANDS.get(..=mode)?);
     Some(from..to)
 }
 
@@ -188,12 +151,10 @@ impl Modes {
         if order.effect() != Effect::Registers {
             return true;
         }
-        let mut next = self.clone();
-        next.remember(order);
         let (pairs, _) = order.arguments().as_chunks::<2>();
-        pairs
-            .iter()
-            .all(|&[register, value]| next.register(Register(register)) == Some(value))
+        let known = |pair: &&[u8; 2]| self.register(Register(pair[0])).is_some();
+        let new = pairs.len() - pairs.iter().filter(known).count();
+        usize::from(self.registers_len) + new <= REGISTERS_MAX
     }
 
     /// The value that a register was set to.
@@ -239,7 +200,7 @@ impl Modes {
 
     fn mode(&self, mode: u8) -> Option<Order> {
         let arguments = self.get(usize::from(mode))?;
-        let &(letters, _) = COMMANDS.get(usize::from(mode))?;
+        let &(letters, _) = Mode::COMMANDS.get(usize::from(mode))?;
         let letters = match arguments {
             [_, 0 | 1] if FULL && letters == SERVO_POSITION => SERVO_OUTPUT,
             _ => letters,
@@ -390,23 +351,18 @@ impl Modes {
     }
 
     fn tracking_lines(&self) -> TrackingLines {
-        match self.lines(Mode::TrackingLines) {
-            Some(LineMode::Tracking(lines)) => lines,
+        match self.value(Mode::TrackingLines) {
+            Some(1) => TrackingLines::Bitmap,
+            Some(2) => TrackingLines::Rows,
             _ => TrackingLines::Off,
         }
     }
 
     fn statistics_lines(&self) -> StatisticsLines {
-        match self.lines(Mode::StatisticsLines) {
-            Some(LineMode::Statistics(lines)) => lines,
+        match self.value(Mode::StatisticsLines) {
+            Some(1) => StatisticsLines::Means,
+            Some(2) => StatisticsLines::MeansAndDeviations,
             _ => StatisticsLines::Off,
         }
-    }
-
-    fn lines(&self, mode: Mode) -> Option<LineMode> {
-        let &[kind, lines] = self.get(mode as usize)? else {
-            return None;
-        };
-        LineMode::try_from([kind, lines]).ok()
     }
 }

@@ -6,7 +6,6 @@ mod command;
 mod common;
 mod dialogue;
 mod images;
-mod naive;
 mod parser;
 mod random;
 mod restore;

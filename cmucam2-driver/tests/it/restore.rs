@@ -85,8 +85,8 @@ fn registers(numbers: std::ops::Range<u8>) -> Registers {
     Registers::new(&pairs).unwrap()
 }
 
-/// A camera that acknowledges all, and the commands that it got.
-fn drive(session: &mut Session, request: Request, now: &mut u64) -> (Answer, Vec<Command>) {
+/// A camera that acknowledges all, and the lines that it got.
+fn drive(session: &mut Session, request: Request, now: &mut u64) -> (Answer, Vec<String>) {
     let mut told = Vec::new();
     session.begin(request, *now);
     loop {
@@ -100,13 +100,12 @@ fn drive(session: &mut Session, request: Request, now: &mut u64) -> (Answer, Vec
             session.tick(*now);
             continue;
         };
-        let command = Command::parse(text).unwrap();
-        let reply = match command {
-            Command::Reset => format!("ACK\r{BANNER}"),
+        let reply = match text {
+            b"RS" => format!("ACK\r{BANNER}"),
             _ => "ACK\r:".to_owned(),
         };
-        if command != Command::Idle {
-            told.push(command);
+        if !text.is_empty() {
+            told.push(String::from_utf8(text.to_vec()).unwrap());
         }
         for byte in reply.bytes() {
             session.receive(byte, *now, &mut []);
@@ -127,12 +126,18 @@ fn every_mode_is_set_again_once_and_in_an_order_that_works() {
     expected.insert(0, Command::Reset);
     // Registers come in the order in which they were first set.
     expected.swap(2, 3);
-    assert_eq!(told, expected);
+    let line = |command: &Command| {
+        let line = command.line();
+        String::from_utf8_lossy(line.as_bytes())
+            .trim_end()
+            .to_owned()
+    };
+    assert_eq!(told, expected.iter().map(line).collect::<Vec<_>>());
 
     // After a reset that was asked for there is nothing to restore.
     drive(&mut session, Request::Do(Command::Reset.into()), &mut now);
     let (_, told) = drive(&mut session, Request::Recover, &mut now);
-    assert_eq!(told, [Command::Reset]);
+    assert_eq!(told, ["RS"]);
 }
 
 #[test]

@@ -31,7 +31,7 @@ use host_sim::probe::{
     sensor_name, stranger,
 };
 use indicatif::ProgressBar;
-use node_firmware::vision::BackgroundShare;
+use node_firmware::vision::{BackgroundShare, VisionError};
 
 use super::{
     camera::{KindOption, emulated},
@@ -164,7 +164,8 @@ Bringing up a camera:
 How much of the background has the colour that was learnt is looked at while the object is still in the
 middle; hands and arms are background, too. Where it is more than nothing, narrower bounds are searched
 for in the camera's histograms. Bounds that 1 % of the background has, and no narrower ones for which
-that is not so, are refused; those of --colour never are.
+that is not so, are refused; those of --colour never are. What is learnt is tried on the same view: bounds that
+only a part of the object has, such as its lit side, are widened until its outline stays where it is, or refused.
 
 Single sightings without resetting the camera in between (run 3 starts it up):
   host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --as-is --at 1.5,-2
@@ -204,6 +205,7 @@ struct Bench<'a> {
     /// The last bytes that came.
     heard: Heard,
     baud_rate: u32,
+    frame: Size,
     view: View,
     person: Person,
     /// It has told who it is: its rate is right.
@@ -323,6 +325,7 @@ impl<'a> Bench<'a> {
             camera: port::device(port),
             clock,
             baud_rate,
+            frame: Size::LARGEST,
             view: View::new(
                 USUAL_COLUMNS,
                 arguments.first_column.unwrap_or(USUAL_FIRST),
@@ -395,10 +398,11 @@ impl<'a> Bench<'a> {
             let set = self.camera.set(Command::HighResolution(high)).wait();
             set.map_err(|error| self.failed(error))?;
         }
-        let usual = match sensor {
-            Some(_) => u16::from(self.camera.session().frame().width),
-            None => u16::from(Size::of(Sensor::Ov6620, high).width),
+        self.frame = match sensor {
+            Some(_) => self.camera.session().frame(),
+            None => Size::of(Sensor::Ov6620, high),
         };
+        let usual = u16::from(self.frame.width);
         let columns = self.arguments.camera.columns().unwrap_or(usual);
         if sensor.is_none() && self.arguments.camera.columns().is_none() {
             tell(format_args!(
@@ -490,38 +494,44 @@ impl<'a> Bench<'a> {
     /// The bounds that were learnt, or better ones; refused where the background has their colour.
     fn best_of(&mut self, bounds: ColourBounds) -> anyhow::Result<ColourBounds> {
         let looking = spinner("looking how much of the background has this colour");
-        let judged = colour::judge(&mut self.camera, bounds, self.view.first());
+        let judged = colour::judge(&mut self.camera, bounds, (self.frame, self.view.first()));
         looking.finish_and_clear();
-        let Judged { background, better } = judged.map_err(|error| self.failed(error))?;
-        if background == BackgroundShare::NONE {
-            tell("nothing in the background has this colour");
-            return Ok(bounds);
-        }
-        match better {
-            Some(better) if !better.background.is_hopeless() => {
-                tell(format_args!(
-                    "{background} of the background has this colour ({}), so a narrower one is taken: \
-                     {} of the background and {:.0} % of the object have that",
-                    option(bounds),
-                    better.background,
-                    better.kept * 1e2
-                ));
-                Ok(better.bounds)
-            }
-            _ if background.is_hopeless() => bail!(
-                "{background} of the background has this colour, and no narrower one tells the object \
+        let Judged { background, best } = judged.map_err(|error| self.failed(error))?;
+        let best = match best {
+            Ok(best) => best,
+            Err(VisionError::CommonColour(share)) => bail!(
+                "{share} of the background has this colour, and no narrower one tells the object \
                  from it: try another light or object, take away what else has the colour, or give \
                  --colour {} to track it all the same",
                 option(bounds)
             ),
-            _ => {
-                tell(format_args!(
-                    "warning: {background} of the background has this colour, and will be taken for \
-                     the object"
-                ));
-                Ok(bounds)
+            Err(error) => bail!(
+                "{error}; or give --colour {} to track it all the same",
+                option(bounds)
+            ),
+        };
+        if background == BackgroundShare::NONE {
+            tell("nothing in the background has this colour");
+            if best.bounds != bounds {
+                tell(
+                    "only a part of the object has it, so wider bounds are taken that hold all of it",
+                );
             }
+        } else if best.background < background {
+            tell(format_args!(
+                "{background} of the background has this colour ({}), so a narrower one is taken: \
+                 {} of the background and {:.0} % of the object have that",
+                option(bounds),
+                best.background,
+                best.kept * 1e2
+            ));
+        } else {
+            tell(format_args!(
+                "warning: {background} of the background has this colour, and will be taken for \
+                 the object"
+            ));
         }
+        Ok(best.bounds)
     }
 
     fn look(&mut self) -> anyhow::Result<Look> {

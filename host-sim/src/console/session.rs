@@ -361,7 +361,7 @@ impl Session {
                 match done.outcome {
                     CommandOutcome::Done | CommandOutcome::Learnt(_) => self.confirmed(),
                     CommandOutcome::Failed => self.failed = Some(Failure::CommandFailed(id)),
-                    CommandOutcome::CommonColour(_) => {
+                    CommandOutcome::CommonColour(_) | CommandOutcome::PartOfObject => {
                         self.failed = Some(Failure::CommandRefused(id, done.outcome));
                     }
                 }

@@ -1,24 +1,24 @@
 //! Judgement how well a learnt colour tells an object from its background, and a window of colours that does
 //! it better.
 //!
-//! The share of the background that has a colour is found as on a node:
-//! [`node_firmware::vision::background`]. Where it is more than nothing, the window is peeled as in the
+//! As on a node, the bounds are those that hold the whole object ([`node_firmware::vision::learning`]). Where some
+//! of the background has them, the window is peeled as in the
 //! patient rule induction method (J. H. Friedman and N. I. Fisher, "Bump hunting in high-dimensional
 //! data", Statistics and Computing 9, 1999): of its six faces, the one is moved inwards that takes away most
 //! of the background for a tenth of the object at most; then all is measured again. The camera's histograms
 //! of tracked pixels (`HT 1`, `GH`) tell what is behind a face, once in the middle of the view and once
-//! around it.
+//! around it. A peeled window counts only if it, too, holds the whole object.
 
 use cmucam2_driver::{
     Cmucam2, Command, Error, Packet,
     colour::{ColourBounds, ColourChannel, LEVEL_MAX, LEVEL_MIN},
-    geometry::Window,
+    geometry::{Size, Window},
     packet::Tracking,
     session::Answer,
 };
 use embedded_hal::delay::DelayNs;
 use embedded_io::{Read, ReadReady, Write};
-use node_firmware::vision::{BackgroundShare, background};
+use node_firmware::vision::{BackgroundShare, Learning, VisionError, background};
 
 /// Share of the object that a step of peeling may cost at most.
 const PEELED: f64 = 0.1;
@@ -41,44 +41,44 @@ const CHANNELS: [ColourChannel; 3] = [
 /// Judgement of a colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
-    /// Share of the background that has it.
+    /// Share of the background that has what was learnt.
     pub background: BackgroundShare,
-    /// A narrower window, if one is better.
-    pub better: Option<Better>,
+    /// The best bounds that hold the whole object, or why there are none.
+    pub best: Result<Bounds, VisionError>,
 }
 
-/// A window of colours that less of the background has.
+/// A window of colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Better {
+pub struct Bounds {
     /// Its levels.
     pub bounds: ColourBounds,
     /// Share of the background that has it.
     pub background: BackgroundShare,
-    /// The part of the object's pixels that it keeps, 0.5 to 1.
+    /// The part of the object's pixels that it keeps, 0.5 to 1; 1 of one that was not narrowed.
     pub kept: f64,
 }
 
-/// Judges the colour of an object that is in the middle of the view of a camera whose first column and
-/// row have the number `first`. Afterwards the camera has all of its view, and is idle.
+/// Judges the colour of an object that is in the middle of the view of a camera that has this frame and whose first
+/// column and row have the number `first`. Afterwards the camera has all of its view, and is idle.
 ///
 /// # Errors
 /// Those of the driver.
 pub fn judge<U, D>(
     camera: &mut Cmucam2<U, D>,
     bounds: ColourBounds,
-    first: u8,
+    (frame, first): (Size, u8),
 ) -> Result<Judged, Error<U::Error>>
 where
     U: Read + Write + ReadReady,
     D: DelayNs,
 {
-    let frame = camera.session().frame();
     let mut looks = Looks {
         camera,
+        frame,
+        first,
         middle: Window::central(frame),
-        around: background::surroundings(frame, first)
-            .into_iter()
-            .flatten()
+        around: (0..background::PARTS - 1)
+            .filter_map(|part| background::part(frame, first, part))
             .collect(),
     };
     looks.camera.set(Command::PollMode(true)).wait()?;
@@ -98,6 +98,8 @@ where
 /// A camera, and the parts of its view.
 struct Looks<'a, U, D> {
     camera: &'a mut Cmucam2<U, D>,
+    frame: Size,
+    first: u8,
     middle: Window,
     around: Vec<Window>,
 }
@@ -110,19 +112,46 @@ struct Counted {
 
 impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
     fn judge(&mut self, bounds: ColourBounds) -> Result<Judged, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let whole = self.look(bounds, None)?;
-        if whole.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-            return Ok(Judged {
-                background: BackgroundShare::NONE,
-                better: None,
-            });
+        let learning = self.learn(bounds)?;
+        let mut judged = Judged {
+            background: learning.background(),
+            best: learning.verdict().map(|(bounds, background)| Bounds {
+                bounds,
+                background,
+                kept: 1.0,
+            }),
+        };
+        if judged.background != BackgroundShare::NONE
+            && let Some(peeled) = self.peeled(judged.best.map_or(bounds, |best| best.bounds))?
+            && peeled.background < judged.background
+            && !peeled.background.is_hopeless()
+        {
+            let middle = background::part(self.frame, self.first, background::PARTS - 1);
+            let seen = self.look(peeled.bounds, middle)?;
+            if learning.is_whole(seen) {
+                judged.best = Ok(peeled);
+            }
         }
-        let begun = self.count(bounds)?;
-        let share = self.share(&begun);
-        let (mut now, mut counted) = (bounds, begun);
+        Ok(judged)
+    }
+
+    /// The search for bounds that hold the whole object.
+    fn learn(&mut self, learnt: ColourBounds) -> Result<Learning, Error<U::Error>> {
+        let mut learning = Learning::new(learnt, self.frame, self.first);
+        self.camera.track_colour(learnt).wait()?;
+        while let Some(step) = learning.step() {
+            self.camera.set(step.into()).wait()?;
+            learning.take(self.camera.next_tracking().wait()?);
+        }
+        Ok(learning)
+    }
+
+    /// Narrower bounds of which less of the background is, if there are any.
+    fn peeled(&mut self, bounds: ColourBounds) -> Result<Option<Bounds>, Error<U::Error>> {
+        let (mut now, mut counted) = (bounds, self.count(bounds)?);
+        let mut least = self.share(&counted);
         let object = f64::from(counted.object.max(1));
-        let mut better: Option<Better> = None;
+        let mut better = None;
         for _ in 0..STEPS {
             if self.share(&counted) == BackgroundShare::NONE {
                 break;
@@ -136,18 +165,16 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
                 break;
             }
             let background = self.share(&counted);
-            if background < better.map_or(share, |better| better.background) {
-                better = Some(Better {
+            if background < least {
+                least = background;
+                better = Some(Bounds {
                     bounds: now,
                     background,
                     kept,
                 });
             }
         }
-        Ok(Judged {
-            background: share,
-            better,
-        })
+        Ok(better)
     }
 
     fn look(
@@ -173,7 +200,7 @@ impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
     }
 
     fn share(&self, counted: &Counted) -> BackgroundShare {
-        let of = background::surrounding_pixels(self.camera.session().frame());
+        let of = background::surrounding_pixels(self.frame);
         BackgroundShare::new(counted.around.iter().sum(), of)
     }
 

@@ -507,6 +507,55 @@ fn a_learnt_colour_is_judged_by_its_background() {
     assert!(text.contains("try another light"), "{text}");
 }
 
+/// A green ball in a slanting light, before a white cloth: discs within each other, each brighter than the one before.
+fn lit_ball(files: &Files, share: f64, middle: f64) -> String {
+    let mut scene = "noise = 1.0\n[background]\nplain = [228, 228, 224]\n".to_owned();
+    for step in 0..16 {
+        let light = f64::from(step) / 16.0;
+        let colour = [48.0, 178.0, 84.0].map(|level| (level * (0.35 + 0.75 * light)) as u8);
+        let (x, y) = (middle + 0.2 * share * light, 0.5 - 0.3 * share * light);
+        let size = share * (1.0 - 0.9 * light);
+        scene += &format!(
+            "[[object]]\ncolour = {colour:?}\nshape = 'disc'\n\
+             stops = [{{ picture = [{x}, {y}], size = [{}, {size}] }}]\n",
+            size * 0.75
+        );
+    }
+    files.write("lit.toml", &scene)
+}
+
+/// The edges that are tracked are those of the ball, and not of its lit side; or nothing is learnt.
+#[test]
+fn a_learnt_colour_holds_the_whole_object() {
+    let files = Files::new();
+    let mut held = 0;
+    for (share, middle) in [
+        (0.45, 0.5),
+        (0.52, 0.45),
+        (0.6, 0.5),
+        (0.6, 0.52),
+        (0.9, 0.5),
+    ] {
+        let camera = Emulated::new(&lit_ball(&files, share, middle), &[]);
+        let done = run(&camera.arguments(&["--settle", "2", "--count", "1", "--json"]));
+        let told = format!("{share} {middle}: {}", done.stderr);
+        if done.code != 0 {
+            assert!(told.contains("does not show the whole object"), "{told}");
+            continue;
+        }
+        let line: Value = serde_json::from_str(&done.stdout).unwrap();
+        for (edge, side) in [("x1", -0.5), ("x2", 0.5)] {
+            let column = (middle + side * share * 0.75) * 88.0 - 0.5;
+            assert!(
+                (number(&line, edge) - column).abs() < 1.1,
+                "{edge} {line} {told}"
+            );
+        }
+        held += 1;
+    }
+    assert!((2..=5).contains(&held), "{held}");
+}
+
 #[test]
 fn other_cameras() {
     let files = Files::new();
@@ -522,6 +571,7 @@ fn other_cameras() {
     let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
     let other = ["switch=module=2", "switch=origin=0"];
     let camera = Emulated::new(&plain, &other);
+    let run = [&run[..], &["--colour", "16,240,16,240,16,240"]].concat();
     let (_, told) = camera.probe(&run);
     assert!(told.contains("88 columns are assumed"), "{told}");
     assert!(!told.contains("give --first-column"), "{told}");

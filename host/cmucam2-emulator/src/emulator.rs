@@ -178,6 +178,9 @@ pub struct Emulator {
     held: Option<Snapshot>,
     reference: Grid,
     masked: Vec<bool>,
+    /// The last packet of the stream, as text; it is on its way once the stream was stopped.
+    last_packet: Vec<u8>,
+    is_late: bool,
     button: bool,
     inputs: u8,
     notes: VecDeque<Note>,
@@ -200,6 +203,8 @@ impl Emulator {
             held: None,
             reference: Grid::dark(false),
             masked: Vec::new(),
+            last_packet: Vec::new(),
+            is_late: false,
             button: false,
             inputs: 0,
             notes: VecDeque::new(),
@@ -305,6 +310,8 @@ impl Emulator {
         self.held = None;
         self.reference = Grid::dark(false);
         self.masked.clear();
+        self.last_packet.clear();
+        self.is_late = false;
         self.answer_at = now;
     }
 

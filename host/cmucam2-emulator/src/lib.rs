@@ -34,6 +34,9 @@
 //! - Raw input (`RM 4`): two letters, a count and so many bytes, as programs for it send it; a
 //!   carriage return where a command could begin is one. A count above ten is refused at once.
 //! - `LM 2 3` is accepted and changes nothing.
+//! - `LM 2 2` sends a byte for each block, as a difference of levels does not fit a bit, which one program expects.
+//! - `MD` sends no packet, which the same program awaits: its table says that it sets a mask.
+//! - The bytes of `UD` may be in its line, as in that program, or come after it.
 //! - A high-resolution frame shows the upper 255 of 286 rows.
 
 mod blob;

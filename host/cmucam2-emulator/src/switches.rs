@@ -29,7 +29,7 @@ settings! {
         /// A lower bound above its upper one is 0 refused, 1 accepted and nothing is tracked
         inverted_bounds = 1, up to 1;
         /// TW sends an S packet first: 0 no, 1 yes
-        window_mean = 1, up to 1;
+        window_mean = 0, up to 1;
         /// GH sends 0 one packet, 1 a stream
         histogram_stream = 0, up to 1;
         /// HC numbers of bins: 0 selects 28, 14 or 7 bins, 1 is the number itself
@@ -66,6 +66,14 @@ settings! {
         noise_run = 0, up to 1;
         /// The pixel field of frame differencing is 0 the blocks, 1 by the formula of tracking
         difference_pixels = 0, up to 1;
+        /// Every byte that is sent comes back: 0 no, 1 yes
+        echo = 0, up to 1;
+        /// ACK, NCK and packets of text end with 0 a carriage return, 1 a space before it, 2 a line feed after it
+        line_end = 0, up to 2;
+        /// The prompt has 0 nothing around it, 1 a space after it, 2 a line of its own
+        prompt_line = 0, up to 2;
+        /// After a stream was stopped, a packet that was on its way comes within the next ACK: 0 no, 1 yes
+        late_packet = 0, up to 1;
         /// A window of fewer rows is read 0 as slowly as the frame, 1 in its share of the time
         window_rate = 1, up to 1;
     }

@@ -26,6 +26,9 @@ use crate::{
 /// Blobs of a streamed picture that are kept, of those that are asked for.
 const KEPT: usize = 4;
 
+/// Bytes, zeros aside, that are no silence although they have no meaning: more than wait for the end of a block.
+const NOISE: u8 = 32;
+
 /// Errors that the camera tells.
 const BUSY: i8 = -2;
 const PROGRAM_CHANGING: i8 = -6;
@@ -149,6 +152,8 @@ pub struct Session {
     told: Vec<Block, KEPT>,
     /// Zero words have come since the request.
     is_alive: bool,
+    /// Bytes without a meaning in a row, zeros aside.
+    noise: u8,
     state: State,
     request: Request,
     encoded: Encoded,
@@ -172,6 +177,7 @@ impl Session {
             picture: None,
             told: Vec::new(),
             is_alive: false,
+            noise: 0,
             state: State::Idle,
             request: Request::Version,
             encoded: Request::Version.encode(),
@@ -210,6 +216,7 @@ impl Session {
         self.parser.clear();
         self.sent = 0;
         self.is_alive = false;
+        self.noise = 0;
         self.state = State::Asked;
         let wait = if self.model.streams() {
             self.policy.reply_us.max(self.model.tells_within_us())
@@ -288,9 +295,11 @@ impl Session {
     /// Takes one byte. Bytes that come when nothing was asked are dropped, but for those of a stream: whole
     /// pictures of it take each other's place.
     pub fn receive(&mut self, byte: u8, now: u64) {
+        self.noise = self.noise.saturating_add(u8::from(byte != 0));
         if self.model.streams() {
             self.stream.push(byte);
             while let Some(event) = self.stream.next_event() {
+                self.noise = 0;
                 self.streamed(event);
             }
             return;
@@ -299,9 +308,8 @@ impl Session {
             return;
         }
         match self.parser.push(byte) {
-            Heard::Nothing => {
-                // A byte of noise must not keep it waiting for ever: the time runs on.
-            }
+            // A byte of noise must not keep it waiting for ever: the time runs on.
+            Heard::Nothing => {}
             Heard::Damaged => self.garbled(now),
             Heard::Packet(kind::ERROR) => match *self.parser.payload() {
                 [why] => self.refused(why.cast_signed(), now),
@@ -406,6 +414,10 @@ impl Session {
     pub fn tick(&mut self, now: u64) {
         if self.deadline().is_none_or(|deadline| now < deadline) {
             return;
+        }
+        // The wrong rate, or a line that is turned round.
+        if self.noise >= NOISE {
+            self.fault = Fault::Garbled;
         }
         match self.state {
             State::Pause => self.ask(now),

@@ -7,10 +7,13 @@
 //! The next block is found from any byte on. What looks like a synchronisation word inside a block has no sum
 //! that holds; then one byte is dropped, and the next word is looked for. A line may have lost one byte.
 
-use crate::block::Block;
+use crate::{block::Block, packet::u16_at};
 
 const BLOCK: u16 = 0xAA55;
 const CODE: u16 = 0xAA56;
+
+/// Bytes of the longest block.
+const HEARD: usize = 16;
 
 /// Zero bytes in a row that are no part of a block.
 const ZEROS: u8 = 6;
@@ -33,8 +36,8 @@ pub enum Event {
 /// none.
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
-    /// Bytes that have come, the first one lowest.
-    heard: u128,
+    /// Bytes that have come, and zeros.
+    heard: [u8; HEARD],
     length: u8,
     /// The bytes so far were words.
     is_aligned: bool,
@@ -45,22 +48,31 @@ pub struct Stream {
 impl Stream {
     /// Takes a byte. The first of 16 bytes that were not taken as events is lost.
     pub fn push(&mut self, byte: u8) {
-        if self.length >= 16 {
+        if usize::from(self.length) >= HEARD {
             self.drop(1);
         }
-        self.heard |= u128::from(byte) << (8 * u32::from(self.length & 15));
+        if let Some(place) = self.heard.get_mut(usize::from(self.length)) {
+            *place = byte;
+        }
         self.length += 1;
     }
 
+    // for less flash
+    #[inline(never)]
     fn drop(&mut self, bytes: u8) {
-        self.heard = self.heard.checked_shr(8 * u32::from(bytes)).unwrap_or(0);
+        for place in 0..HEARD {
+            let next = self.heard.get(place + usize::from(bytes)).copied();
+            if let Some(place) = self.heard.get_mut(place) {
+                *place = next.unwrap_or(0);
+            }
+        }
         self.length = self.length.saturating_sub(bytes);
     }
 
     /// The next event.
     pub fn next_event(&mut self) -> Option<Event> {
         while self.length >= 2 {
-            let word = |place: u32| (self.heard >> (16 * place)) as u16;
+            let word = |place: usize| u16_at(&self.heard, 2 * place).unwrap_or(0);
             let (sync, sum) = (word(0), word(1));
             let bytes = match sync {
                 BLOCK if self.length >= 4 && matches!(sum, BLOCK | CODE) => {
@@ -100,7 +112,7 @@ impl Stream {
                     return Some(Event::Block(block));
                 }
             }
-            let is_zero = self.heard as u8 == 0;
+            let is_zero = self.heard.first() == Some(&0);
             self.drop(1);
             self.zeros = if is_zero { self.zeros + 1 } else { 0 };
             if core::mem::take(&mut self.is_aligned) {

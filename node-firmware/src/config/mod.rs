@@ -14,7 +14,11 @@ pub mod page;
 
 mod key;
 
-use calib_core::{Limits, camera::Camera, level::Tolerance};
+use calib_core::{
+    Limits,
+    camera::{Camera, Projection},
+    level::Tolerance,
+};
 use flash_log::Crc32;
 use heapless::Vec;
 use pixy_driver::Model;
@@ -396,18 +400,32 @@ impl CameraConfig {
         }
     }
 
+    /// Returns true if blobs have the shape of a ball. Blocks of frame differencing show none, people are not round, and
+    /// tags are seen at an angle.
+    pub const fn has_round_targets(&self) -> bool {
+        self.round
+            && matches!(
+                self.subjects,
+                Subjects::Colours(_) | Subjects::Signatures(_)
+            )
+    }
+
     /// The judge of the camera's frames, through the optics of its lens.
     pub fn judge(&self, optics: Camera<f32>) -> Judge {
         let patience = Patience {
             sigma_floor: self.sigma_floor_px,
             ..Patience::default()
         };
-        // Blocks of frame differencing show no shape, people are not round, and tags are seen at an angle.
-        let shape = match self.subjects {
-            Subjects::Colours(_) | Subjects::Signatures(_) if self.round => Shape::Round {
+        let shape = if self.has_round_targets() {
+            Shape::Round {
                 rows_per_column: self.kind.rows_per_column(),
-            },
-            _ => Shape::Any,
+                tangent: match optics.projection() {
+                    Projection::PinHole => optics.bearing_sigma(optics.principal_point(), 1.0),
+                    Projection::EqualAngle => 0.0,
+                },
+            }
+        } else {
+            Shape::Any
         };
         Judge::new(optics, patience, shape)
     }

@@ -43,6 +43,17 @@ pub enum Eye {
     Blind,
     /// It does not start, or its picture does not change.
     Failed,
+    /// The target was hidden in part when it was seen last, twice.
+    Hidden,
+    /// The target was not alone when it was seen last, twice: something else has its colour, or only a part of it has.
+    Several,
+}
+
+impl Eye {
+    /// Returns true if the camera does its work, whatever is before it.
+    pub const fn works(self) -> bool {
+        !matches!(self, Self::Blind | Self::Failed)
+    }
 }
 
 /// Reason why a node started.

@@ -256,7 +256,7 @@ pub enum Sight {
     InView,
     /// Nothing of the target is in view.
     NotInView,
-    /// The target is cut off by the border of the picture, or hidden in part.
+    /// The target is cut off by the border of the picture.
     Clipped,
     /// Something that does not stand still.
     Unsteady,
@@ -266,6 +266,11 @@ pub enum Sight {
     Failed,
     /// The camera is still starting: ask again in a while.
     NotReady,
+    /// The target is hidden in part, or looks too small for its distance.
+    Hidden,
+    /// The target is not alone, or looks too large for its distance: something else has its colour, or only a part of
+    /// it has.
+    Several,
 }
 
 /// A camera's answer to a stop. A camera that saw the target repeats it until it is

@@ -18,6 +18,8 @@ pub enum CommandOutcome {
     Learnt(BackgroundShare),
     /// A colour was not learnt, because so much of the background has it.
     CommonColour(BackgroundShare),
+    /// A colour was not learnt, because it does not show the whole object.
+    PartOfObject,
 }
 
 impl CommandOutcome {
@@ -50,6 +52,11 @@ impl fmt::Display for CommandOutcome {
                 "refused: {share} of the background has this colour, so the target could not be told \
                  from it: another light, another ball, or what has it away; what was learnt before \
                  stays"
+            ),
+            Self::PartOfObject => f.write_str(
+                "refused: this colour does not show the whole target: put it into the middle of the view so that \
+                 it fills half of it, in an even light, and nothing of like colour next to it; what was learnt \
+                 before stays",
             ),
         }
     }

@@ -126,25 +126,31 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 }
             };
             self.liveness.on_camera_works(self.clock.now());
-            match task {
-                CameraTask::Look { colour } => {
-                    if let Some((sight, seen)) = self.look(colour, &mut judge).await {
-                        events.send(CameraEvent::Looked(sight, seen)).await;
-                    } else {
-                        // A target waits, and would give up before it is over.
-                        events.send(CameraEvent::Starting).await;
+            // A target that waits hears that the camera starts before it does: it would give up before that is over.
+            let event = match task {
+                CameraTask::Look { colour } => match self.look(colour, &mut judge).await {
+                    Some((sight, seen)) => Some(CameraEvent::Looked(sight, seen)),
+                    None => {
                         start = Some(Start::Again);
+                        Some(CameraEvent::Starting)
                     }
+                },
+                CameraTask::Adapt => {
+                    start = Some(Start::Again);
+                    None
                 }
-                CameraTask::Adapt => start = Some(Start::Again),
                 CameraTask::Command(CameraCommand::Track { colour }) => {
-                    if let Ok(asked) = self.track(colour, &judge, &tasks, &events).await {
-                        next = asked;
-                    } else {
-                        events.send(CameraEvent::Starting).await;
-                        start = Some(Start::Again);
-                        // People ask for it once.
-                        next = Some(task);
+                    match self.track(colour, &judge, &tasks, &events).await {
+                        Ok(asked) => {
+                            next = asked;
+                            None
+                        }
+                        Err(_) => {
+                            start = Some(Start::Again);
+                            // People ask for it once.
+                            next = Some(task);
+                            Some(CameraEvent::Starting)
+                        }
                     }
                 }
                 CameraTask::Command(command) => {
@@ -153,6 +159,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                         Err(VisionError::CommonColour(share)) => {
                             CommandOutcome::CommonColour(share)
                         }
+                        Err(VisionError::PartOfObject) => CommandOutcome::PartOfObject,
                         Err(_) => CommandOutcome::Failed,
                     };
                     if outcome.is_success()
@@ -161,7 +168,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     {
                         events.send(CameraEvent::Learnt(colour, window)).await;
                     }
-                    events.send(done(command, outcome)).await;
+                    Some(done(command, outcome))
                 }
                 CameraTask::Recall(windows) => {
                     for (colour, window) in (0..).zip(windows) {
@@ -169,7 +176,11 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                             self.subjects.learn(colour, window);
                         }
                     }
+                    None
                 }
+            };
+            if let Some(event) = event {
+                events.send(event).await;
             }
         }
     }
@@ -228,7 +239,9 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         let looked = match looked {
             Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
-            Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
+            Ok(Look::Clipped) => (Sight::Clipped, None),
+            Ok(Look::Lopsided) => (Sight::Hidden, None),
+            Ok(Look::Several) => (Sight::Several, None),
             Ok(Look::Unsteady) => (Sight::Unsteady, None),
             Err(error) => {
                 warning!("the camera does not look: {}", error);

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 const HOPELESS: u16 = 10;
 
 /// Least share of its box that an object fills, 256 times the share. A ball fills 201.
-const COMPACT: u8 = 160;
+pub(super) const COMPACT: u8 = 160;
 
 /// The part of the background that has a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -89,26 +89,29 @@ pub fn is_one_object(seen: &Tracking, frame: Size) -> bool {
             && 2 * box_area(seen) < area(frame)
 }
 
-/// The outer eighths of a view whose first column and row have this number: left, right, above and below.
-pub fn surroundings(frame: Size, first: u8) -> [Option<Window>; 4] {
+/// Number of [parts](part) of a view.
+pub const PARTS: u8 = 5;
+
+/// A part of a view whose first column and row have the number `first`. Parts 0 to 3 are its outer eighths: left,
+/// right, above and below; the last one is its middle.
+pub fn part(frame: Size, first: u8, part: u8) -> Option<Window> {
     let Size { width, height } = frame;
     let (across, down) = (width / 8, height / 8);
     let (right, low) = (width - across, height - down);
     // From here to before there, counted from 0.
-    let parts = [
-        [0, 0, across, height],
-        [right, 0, width, height],
-        [across, 0, right, down],
-        [across, low, right, height],
-    ];
-    parts.map(|[x, y, x2, y2]| {
-        let last = |end: u8| end.saturating_sub(1).saturating_add(first);
-        let [x, y] = [x, y].map(|from| from.saturating_add(first));
-        Window::new(x, y, last(x2), last(y2)).ok()
-    })
+    let [x, y, x2, y2] = match part {
+        0 => [0, 0, across, height],
+        1 => [right, 0, width, height],
+        2 => [across, 0, right, down],
+        3 => [across, low, right, height],
+        _ => [across, down, right, low],
+    };
+    let last = |end: u8| end.saturating_sub(1).saturating_add(first);
+    let [x, y] = [x, y].map(|from| from.saturating_add(first));
+    Window::new(x, y, last(x2), last(y2)).ok()
 }
 
-/// Pixels of [`surroundings`].
+/// Pixels of the outer [parts](part).
 pub fn surrounding_pixels(frame: Size) -> u32 {
     let inner = |side: u8| u32::from(side - side / 8 * 2);
     area(frame) - inner(frame.width) * inner(frame.height)
@@ -133,7 +136,8 @@ mod tests {
         for (width, height) in [(88, 143), (87, 143), (176, 255), (160, 239)] {
             let frame = Size { width, height };
             for first in [0, 1] {
-                let windows = surroundings(frame, first).map(Option::unwrap);
+                let [windows @ .., middle] =
+                    [0, 1, 2, 3, 4].map(|n| part(frame, first, n).unwrap());
                 let within = |x: u8, y: u8| {
                     let has = |window: &&Window| {
                         let [x1, y1, x2, y2] = window.corners();
@@ -151,6 +155,10 @@ mod tests {
                     }
                 }
                 assert_eq!(count, surrounding_pixels(frame));
+                let [x1, y1, x2, y2] = middle.corners();
+                let inner = u32::from(x2 - x1 + 1) * u32::from(y2 - y1 + 1);
+                assert_eq!(count + inner, area(frame));
+                assert_eq!(within(x1, y1) + within(x2, y2), 0);
                 assert_eq!(within(width / 2, height / 2), 0);
             }
         }

@@ -23,18 +23,18 @@
 //! be [started up](BlobCamera::start_up).
 
 use cmucam2_driver::{
-    Cmucam2, Command, Error,
+    Cmucam2, Command, Error, Packet,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
     device::{Clock, SummedDelays},
     geometry::{Sensor, Size},
-    session::{Fault, Learn, StartUp},
+    packet::Tracking,
+    session::{Answer, Fault, Learn, Request, StartUp},
 };
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
 use super::{
-    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, LearntColour, Rows, Subject,
-    VisionError, background,
+    Blob, BlobCamera, ColourWindow, Grid, Learning, LearntColour, Rows, Subject, VisionError,
 };
 use crate::log::warning;
 
@@ -76,15 +76,15 @@ impl Cmucam2Settings {
 pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
     camera: Cmucam2<U, D, K>,
     settings: Cmucam2Settings,
-    /// Rows of a frame.
-    rows: u16,
+    /// Its frame, once it was started up.
+    frame: Size,
     /// All is set.
     ready: bool,
     /// It has a background.
     background: bool,
     subject: Option<Subject>,
-    /// Number of restarts of the camera when it began to adapt.
-    restarts: u16,
+    /// Number of restarts of the camera when it had adapted.
+    restarts: Option<u16>,
 }
 
 impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
@@ -93,11 +93,11 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         Self {
             camera,
             settings,
-            rows: 0,
+            frame: Size::LARGEST,
             ready: false,
             background: false,
             subject: None,
-            restarts: 0,
+            restarts: None,
         }
     }
 
@@ -105,40 +105,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         self.ready = false;
         self.background = false;
         self.subject = None;
-    }
-
-    /// Takes notice of a failure, and of a restart that the driver has made up for on its way.
-    fn taken<T, E: embedded_io::Error>(
-        &mut self,
-        outcome: Result<T, Error<E>>,
-    ) -> Result<T, VisionError> {
-        let error = match outcome {
-            Ok(_) if self.camera.session().restarts() != self.restarts => {
-                Error::Camera(Fault::Restarted)
-            }
-            Ok(done) => return Ok(done),
-            Err(error) => error,
-        };
-        Err(self.failed(error))
-    }
-
-    fn failed<E: embedded_io::Error>(&mut self, error: Error<E>) -> VisionError {
-        let error = match error {
-            Error::Uart(error) => VisionError::Line(error.kind()),
-            Error::Closed => VisionError::Closed,
-            Error::Camera(fault) => match fault {
-                Fault::Silence => VisionError::Silent,
-                Fault::Refused { .. } => VisionError::Refused,
-                Fault::Restarted => VisionError::Restarted,
-                Fault::NotStreaming => VisionError::NotBegun,
-                _ => VisionError::Garbled,
-            },
-        };
-        if error == VisionError::Restarted {
-            self.forget();
-        }
-        warning!("camera: {}", error);
-        error
+        self.restarts = None;
     }
 
     /// Meaning of the packets for the subject that was begun.
@@ -146,7 +113,10 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         let first = self.settings.first_column;
         match subject {
             Subject::Colour(_) | Subject::Signature(_) | Subject::Tag(_) => Grid::pixels(first),
-            Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, self.rows),
+            Subject::Motion { .. } => {
+                let rows = self.frame.height.into();
+                Grid::blocks(first, BLOCKS, self.settings.columns, rows)
+            }
         }
     }
 
@@ -160,60 +130,49 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
 }
 
 impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
-    /// Starts it up and makes the settings that a start does not make.
-    async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
-        let start_up = StartUp {
-            adapt_ms: self.settings.adapt_ms,
-            ..StartUp::default()
+    /// Has the camera carry out a request. Takes notice of a failure, and of a restart that the driver has made up for
+    /// on its way.
+    async fn ask(&mut self, request: Request) -> Result<Answer, VisionError> {
+        let outcome = self.camera.request(request).run().await;
+        let restarts = self.camera.session().restarts();
+        let error = match outcome {
+            Ok(_) if self.restarts.is_some_and(|before| before != restarts) => {
+                VisionError::Restarted
+            }
+            Ok(answer) => return Ok(answer),
+            Err(Error::Uart(error)) => VisionError::Line(embedded_io::Error::kind(&error)),
+            Err(Error::Closed) => VisionError::Closed,
+            Err(Error::Camera(fault)) => match fault {
+                Fault::Silence => VisionError::Silent,
+                Fault::Refused { .. } => VisionError::Refused,
+                Fault::Restarted => VisionError::Restarted,
+                Fault::NotStreaming => VisionError::NotBegun,
+                _ => VisionError::Garbled,
+            },
         };
-        self.camera.start_up(start_up).run().await?;
-        self.restarts = self.camera.session().restarts();
-        if self.settings.columns >= HIGH_RESOLUTION {
-            self.camera.set(Command::HighResolution(true)).run().await?;
+        if error == VisionError::Restarted {
+            self.forget();
         }
-        self.camera.set(Command::NoiseFilter(0)).run().await?;
-        self.camera
-            .set(Command::HighResolutionDifference(true))
-            .run()
-            .await?;
-        self.camera.set(Command::PollMode(true)).run().await
+        warning!("camera: {}", error);
+        Err(error)
     }
 
-    /// Share of the background that has a colour, while the object is in the middle of the view.
-    async fn background_share(
-        &mut self,
-        bounds: ColourBounds,
-    ) -> Result<BackgroundShare, Error<U::Error>> {
-        let frame = self.camera.session().frame();
-        let mut outer = background::surroundings(frame, self.settings.first_column)
-            .into_iter()
-            .flatten();
-        self.camera.track_colour(bounds).run().await?;
-        let (mut window, mut count) = (None, 0);
-        loop {
-            let seen = self.camera.next_tracking().run().await?;
-            if window.is_some() {
-                count += seen.map_or(0, |seen| background::pixels(&seen));
-            } else if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
-                return Ok(BackgroundShare::NONE);
-            }
-            window = outer.next();
-            self.camera
-                .set(Command::VirtualWindow(window))
-                .run()
-                .await?;
-            if window.is_none() {
-                let of = background::surrounding_pixels(frame);
-                return Ok(BackgroundShare::new(count, of));
-            }
+    /// The next packet of a search, or of the learning of a colour.
+    async fn look(&mut self) -> Result<Option<Tracking>, VisionError> {
+        match self.ask(Request::Next).await? {
+            Answer::Packet(Packet::Tracking(tracking)) => Ok(Some(tracking)),
+            Answer::Quiet => Ok(None),
+            _ => Err(VisionError::Garbled),
         }
     }
 
     /// The frame that this camera will give with this lens, or the reason why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
-    async fn frame(&mut self) -> Result<Size, VisionError> {
-        let version = self.camera.version().run().await;
-        let version = version.map_err(|error| self.failed(error))?;
+    async fn ask_frame(&mut self) -> Result<Size, VisionError> {
+        let asked = self.ask(Request::Do(Command::GetVersion.order())).await?;
+        let Answer::Version(version) = asked else {
+            return Err(VisionError::Garbled);
+        };
         let lens = self.settings.columns;
         let Some(sensor) = version.sensor() else {
             return Ok(Size::of(Sensor::Ov6620, lens >= HIGH_RESOLUTION));
@@ -231,9 +190,24 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
 impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, D, K> {
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
-        self.rows = u16::from(self.frame().await?.height);
-        let set_up = self.set_up().await;
-        self.taken(set_up)?;
+        self.frame = self.ask_frame().await?;
+        self.ask(Request::StartUp(StartUp {
+            adapt_ms: self.settings.adapt_ms,
+            ..StartUp::default()
+        }))
+        .await?;
+        self.restarts = Some(self.camera.session().restarts());
+        // The settings that a start does not make.
+        let needs_high = self.settings.columns >= HIGH_RESOLUTION;
+        for step in u8::from(!needs_high)..4 {
+            let mode = match step {
+                0 => Command::HighResolution(true).order(),
+                1 => Command::NoiseFilter(0).order(),
+                2 => Command::HighResolutionDifference(true).order(),
+                _ => Command::PollMode(true).order(),
+            };
+            self.ask(Request::Do(mode)).await?;
+        }
         self.ready = true;
         Ok(())
     }
@@ -241,22 +215,27 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let learnt = self.camera.learn(Learn::default()).run().await;
-        let bounds = self.taken(learnt)?;
-        let share = self.background_share(bounds).await;
-        if share.is_err() {
-            // It may be left with a part of its view.
-            self.ready = false;
+        let learn = Request::Learn {
+            how: Learn::default(),
+            track: true,
+        };
+        let Answer::Bounds(learnt) = self.ask(learn).await? else {
+            return Err(VisionError::Garbled);
+        };
+        let mut learning = Learning::new(learnt, self.frame, self.settings.first_column);
+        // If anything fails, it may be left with a part of its view.
+        self.ready = false;
+        while let Some(step) = learning.step() {
+            self.ask(Request::Do(Command::from(step).order())).await?;
+            learning.take(self.look().await?);
         }
-        let background = self.taken(share)?;
-        if background.is_hopeless() {
-            return Err(VisionError::CommonColour(background));
-        }
-        let levels = |range: LevelRange| [range.min(), range.max()];
+        self.ready = true;
+        let (bounds, background) = learning.verdict()?;
+        let [a, b, c, d, e, f] = bounds.values();
         let window = ColourWindow {
-            red: levels(bounds.red),
-            green: levels(bounds.green),
-            blue: levels(bounds.blue),
+            red: [a, b],
+            green: [c, d],
+            blue: [e, f],
         };
         Ok(LearntColour { window, background })
     }
@@ -265,8 +244,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         self.is_ready()?;
         self.subject = None;
         self.background = false;
-        let loaded = self.camera.set(Command::LoadFrame).run().await;
-        self.taken(loaded)?;
+        self.ask(Request::Do(Command::LoadFrame.order())).await?;
         self.background = true;
         Ok(())
     }
@@ -274,19 +252,16 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn begin(&mut self, subject: Subject) -> Result<(), VisionError> {
         self.is_ready()?;
         self.subject = None;
-        let begun = match subject {
+        let order = match subject {
             Subject::Colour(window) => {
                 let bounds = bounds(&window).ok_or(VisionError::Colour)?;
-                self.camera.track_colour(bounds).run().await
+                Command::TrackColour(Some(bounds)).order()
             }
             Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
-            Subject::Motion { threshold } => {
-                let difference = Command::FrameDifference(threshold);
-                self.camera.stream(difference).run().await
-            }
+            Subject::Motion { threshold } => Command::FrameDifference(threshold).order(),
             Subject::Signature(_) | Subject::Tag(_) => return Err(VisionError::Unable),
         };
-        self.taken(begun)?;
+        self.ask(Request::Start(order)).await?;
         self.subject = Some(subject);
         Ok(())
     }
@@ -294,12 +269,11 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
     async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
         self.is_ready()?;
         let subject = self.subject.ok_or(VisionError::NotBegun)?;
-        let tracking = self.camera.next_tracking().run().await;
-        let tracking = self.taken(tracking)?;
+        let tracking = self.look().await?;
         // What moves need not be whole.
         let is_whole = !matches!(subject, Subject::Motion { .. });
         let rows = Rows {
-            count: self.rows,
+            count: self.frame.height.into(),
             per_column: ROWS_PER_COLUMN,
         };
         let blob = tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject)));
@@ -311,8 +285,8 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
 
     async fn end(&mut self) -> Result<(), VisionError> {
         self.subject = None;
-        let stopped = self.camera.stop().run().await;
-        self.taken(stopped)
+        self.ask(Request::Stop).await?;
+        Ok(())
     }
 }
 

@@ -35,6 +35,8 @@ pub enum VisionError {
     Colour,
     /// Too much of the background has the colour that was to be learnt.
     CommonColour(BackgroundShare),
+    /// The colour that was to be learnt does not show the whole object.
+    PartOfObject,
     /// The camera was not started up since it was switched on or reset.
     NotStarted,
     /// Nothing was begun.
@@ -83,6 +85,10 @@ impl fmt::Display for VisionError {
                     f,
                     "{share} of the background has the object's colour: take that away, or another object"
                 );
+            }
+            Self::PartOfObject => {
+                "the learnt colour does not show the whole object: put it into the middle of the view so that it \
+                 fills half of it, in an even light, and nothing of like colour next to it"
             }
             Self::NotStarted => "the camera is not set up: start it up first",
             Self::NotBegun => "nothing is looked for: begin first",

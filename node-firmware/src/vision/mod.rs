@@ -7,6 +7,7 @@
 //! | [`cmucam2`], [`pixy`] | The CMUcam2 and the Pixy family behind that seam |
 //! | [`either`] | The one of them that a node has |
 //! | [`background`] | Share of the background that has a colour that was learnt |
+//! | [`learning`] | Search for the colour that holds a whole object |
 //! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
 //! | [`mod@look`] | One look at a standing target: several frames to a direction, or why not |
 //! | [`lens`] | Directions of columns |
@@ -23,6 +24,7 @@
 pub mod background;
 pub mod cmucam2;
 pub mod either;
+pub mod learning;
 pub mod lens;
 pub mod look;
 pub mod pixy;
@@ -43,6 +45,7 @@ pub use self::{
     cmucam2::Cmucam2BlobCamera,
     either::EitherCamera,
     fault::VisionError,
+    learning::Learning,
     lens::{Lens, LensError},
     look::{Judge, Look, Patience, look},
     pixy::PixyBlobCamera,
@@ -65,11 +68,12 @@ pub trait BlobCamera {
     /// [`VisionError`].
     fn start_up(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
-    /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object kept"), and
-    /// looks how much of the background has it. A search that was begun is ended.
+    /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object kept"), as far as
+    /// that shows the whole object, and looks how much of the background has it. A search that was begun is ended.
     ///
     /// # Errors
-    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it;
+    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it,
+    /// [`VisionError::PartOfObject`] where the object is not seen whole;
     /// [`VisionError::Unable`] of a camera that was taught its colours beforehand.
     fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>>;
 

@@ -38,7 +38,7 @@ use embedded_io_async::{Read, Write};
 use pixy_driver::{
     Block, Error, Model, Pixy,
     packet::{Request, Signatures},
-    session::Fault,
+    session::{Answer, Fault},
 };
 
 use super::{Blob, BlobCamera, LearntColour, Rows, Subject, VisionError};
@@ -112,27 +112,30 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
         self.ready = false;
         self.of = None;
         let model = self.camera.model();
-        let first = if model.streams() {
+        let mut request = if model.streams() {
             ANYTHING
         } else {
             Request::Version
         };
         let mut tries = 0;
-        while let Err(error) = self.camera.ask(first).await {
-            let is_silent = matches!(error, Error::Camera(Fault::Silence | Fault::Garbled));
-            tries += 1;
-            if !is_silent || tries >= patience(model) {
-                return Err(failed(error));
-            }
-            yield_now().await;
-        }
-        if !model.streams() {
-            let (columns, _) = self.camera.resolution().await.map_err(failed)?;
-            if columns != self.columns {
-                return Err(VisionError::Columns {
-                    camera: columns,
-                    lens: self.columns,
-                });
+        loop {
+            match self.camera.ask(request).await {
+                Ok(Answer::Version(_)) => request = Request::Resolution,
+                Ok(Answer::Resolution(columns, _)) if columns != self.columns => {
+                    return Err(VisionError::Columns {
+                        camera: columns,
+                        lens: self.columns,
+                    });
+                }
+                Ok(_) => break,
+                Err(error) => {
+                    let is_silent = matches!(error, Error::Camera(Fault::Silence | Fault::Garbled));
+                    tries += 1;
+                    if !is_silent || tries >= patience(model) {
+                        return Err(failed(error));
+                    }
+                    yield_now().await;
+                }
             }
         }
         self.ready = true;
@@ -272,6 +275,7 @@ mod tests {
         let camera = Lens::pin_hole(316, 60.0).camera().unwrap();
         let shape = Shape::Round {
             rows_per_column: 1.0,
+            tangent: 0.0,
         };
         let mut judge = Judge::new(camera, Patience::default(), shape);
         let mut looks = (0..40).map(|_| judge.push(Some(blob(Model::Pixy2, largest, next))));

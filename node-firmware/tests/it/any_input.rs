@@ -188,6 +188,8 @@ impl Any {
             Sight::NotLooking,
             Sight::Failed,
             Sight::NotReady,
+            Sight::Hidden,
+            Sight::Several,
         ])
     }
 

@@ -136,66 +136,106 @@ fn motion_needs_a_background() {
     line.assert_finished();
 }
 
-#[test]
-fn a_colour_is_learnt() {
-    let script = started()
-        .on(
-            "TW\r",
-            "ACK\rS 200 100 46 3 3 3\rT 44 70 40 60 48 80 20 201\r:",
-        )
+/// A ball in the middle of the view, and nothing.
+const BALL: &str = "44 70 34 52 53 91 78 200";
+const NONE: &str = "0 0 0 0 0 0 0 0";
+
+/// The bounds with which a learnt colour is tried: itself, wider ones.
+const TRIED: [&str; 6] = [
+    "170 230 70 130 16 76",
+    "154 246 54 146 0 92",
+    "138 255 38 162 0 108",
+    "122 255 22 178 0 124",
+    "106 255 6 194 0 140",
+    "90 255 0 210 0 156",
+];
+
+/// The parts of the view around its middle, and the middle.
+const PARTS: [&str; 5] = [
+    "VW 1 1 11 143\r",
+    "VW 78 1 88 143\r",
+    "VW 12 1 77 17\r",
+    "VW 12 127 77 143\r",
+    "VW 12 18 77 126\r",
+];
+
+/// A colour is learnt, and tried on the view, which shows this each time: as a whole, or in its parts where these
+/// are given.
+fn learn(seen: &[(&str, Option<[&str; 5]>)]) -> Result<LearntColour, VisionError> {
+    let mut script = started()
+        .on("TW\r", format!("ACK\rS 200 100 46 3 3 3\rT {BALL}\r:"))
         .on("GT\r", "ACK\r170 230 70 130 16 76\r:")
-        .on("ST 170 230 70 130 16 76\r", "ACK\r:")
-        .on("TC\r", "ACK\rT 44 70 40 60 48 80 20 201\r:");
+        .on("ST 170 230 70 130 16 76\r", "ACK\r:");
+    let told = |seen: &str| format!("ACK\rT {seen}\r:");
+    for (bounds, (whole, parts)) in TRIED.into_iter().zip(seen) {
+        script = script
+            .on(&format!("ST {bounds}\r"), "ACK\r:")
+            .on("TC\r", told(whole));
+        if let Some(parts) = parts {
+            script = PARTS
+                .into_iter()
+                .zip(parts)
+                .fold(script, |script, (part, seen)| {
+                    script.on(part, "ACK\r:").on("TC\r", told(seen))
+                });
+            script = script.on("VW\r", "ACK\r:").on("TC\r", told(whole));
+        }
+    }
     let (mut sight, line) = sight(script, 88);
     wait(sight.start_up()).unwrap();
-    let learnt = LearntColour {
-        window: ColourWindow {
-            red: [170, 230],
-            green: [70, 130],
-            blue: [16, 76],
-        },
+    let learnt = wait(sight.learn_colour());
+    line.assert_finished();
+    learnt
+}
+
+#[test]
+fn a_colour_is_learnt_that_holds_the_object() {
+    let learnt = |red, green, blue| LearntColour {
+        window: ColourWindow { red, green, blue },
         background: BackgroundShare::NONE,
     };
-    assert_eq!(wait(sight.learn_colour()), Ok(learnt));
-    line.assert_finished();
+    let as_it_is = learnt([170, 230], [70, 130], [16, 76]);
+    assert_eq!(learn(&[(BALL, None); 6]), Ok(as_it_is));
+    // A crescent is not the ball: its edges move, until wider bounds hold it.
+    let lit = [
+        "49 56 41 34 56 108 13 165",
+        "49 57 38 52 53 82 60 165",
+        "48 60 36 52 53 85 66 180",
+    ];
+    let lit = lit.into_iter().chain([NONE]);
+    let looks: Vec<_> = lit.chain([BALL; 3]).map(|seen| (seen, None)).collect();
+    assert_eq!(learn(&looks), Ok(learnt([106, 255], [6, 194], [0, 140])));
+    // At the border of the view an object is not whole.
+    let cut_off = "44 70 1 52 53 91 255 200";
+    assert_eq!(learn(&[(cut_off, None); 6]), Err(VisionError::PartOfObject));
 }
 
 /// The outside of the middle of the view is counted where the object is not alone.
 #[test]
 fn a_colour_that_the_background_has_is_refused() {
-    let learn = |outer: [&str; 4]| {
-        let script = started()
-            .on("TW\r", "ACK\rT 44 70 1 1 88 143 255 90\r:")
-            .on("GT\r", "ACK\r170 230 70 130 16 76\r:")
-            .on("ST 170 230 70 130 16 76\r", "ACK\r:")
-            .on("TC\r", "ACK\rT 44 70 1 1 88 143 255 90\r:");
-        let windows = [
-            "VW 1 1 11 143\r",
-            "VW 78 1 88 143\r",
-            "VW 12 1 77 17\r",
-            "VW 12 127 77 143\r",
-        ];
-        let script = windows
-            .iter()
-            .zip(outer)
-            .fold(script, |script, (window, seen)| {
-                let told = format!("ACK\rT {seen}\r:");
-                script.on(window, "ACK\r:").on("TC\r", told)
-            });
-        let (mut sight, line) = sight(script.on("VW\r", "ACK\r:"), 88);
-        wait(sight.start_up()).unwrap();
-        let learnt = wait(sight.learn_colour());
-        line.assert_finished();
-        learnt.map(|learnt| learnt.background.thousandths)
-    };
-    const NONE: &str = "0 0 0 0 0 0 0 0";
+    const MERGED: &str = "44 70 1 1 88 143 255 90";
     // Of the 5,390 pixels of the four parts, all of the second one is a wall.
-    let wall = [NONE, "83 70 78 1 88 143 197 255", NONE, NONE];
+    let wall = [NONE, "83 70 78 1 88 143 197 255", NONE, NONE, BALL];
     let thousandths = (197 * 8 * 1_000_u32).div_ceil(12_584 - 66 * 109) as u16;
     let refused = VisionError::CommonColour(BackgroundShare { thousandths });
-    assert_eq!(learn(wall), Err(refused));
-    // A few pixels are told, and looked for all the same.
-    assert_eq!(learn([NONE, NONE, "40 9 40 9 41 10 0 255", NONE]), Ok(1));
+    assert_eq!(learn(&[(MERGED, Some(wall))]), Err(refused));
+    // A few pixels are told, and looked for all the same; bounds that more of the background has are none.
+    let speck = [NONE, NONE, "40 9 40 9 41 10 0 255", NONE, BALL];
+    let learnt = learn(&[
+        (MERGED, Some(speck)),
+        (MERGED, Some(speck)),
+        (MERGED, Some(wall)),
+    ]);
+    assert_eq!(learnt.map(|learnt| learnt.background.thousandths), Ok(1));
+    let in_parts = [
+        NONE,
+        NONE,
+        "40 9 40 9 41 10 0 255",
+        NONE,
+        "49 57 38 52 53 82 60 100",
+    ];
+    let learnt = learn(&[(MERGED, Some(in_parts)); 6]);
+    assert_eq!(learnt, Err(VisionError::PartOfObject));
 }
 
 #[test]
@@ -303,6 +343,7 @@ fn a_restart_between_two_looks_is_told_whoever_notices_it() {
         "ACK\rS 200 100 46 3 3 3\rT 44 70 40 60 48 80 20 201\r:",
     );
     const GT: (&str, &str) = ("GT\r", "ACK\r170 230 70 130 16 76\r:");
+    const LEARNT: (&str, &str) = ("ST 170 230 70 130 16 76\r", "ACK\r:");
     const FD: (&str, &str) = ("FD 12\r", "ACK\rT 6 8 5 7 6 9 6 255\r:");
     let begin: Act = |sight| wait(sight.begin(Subject::Colour(ORANGE)));
     let background: Act = |sight| wait(sight.learn_background());
@@ -317,7 +358,7 @@ fn a_restart_between_two_looks_is_told_whoever_notices_it() {
     for (act, during, again) in [
         (begin, ST, &[ST][..]),
         (background, LF, &[LF]),
-        (learn, TW, &[TW, GT]),
+        (learn, TW, &[TW, GT, LEARNT]),
         (motion, FD, &[]),
     ] {
         let exchanges = [LF, during].into_iter().chain(RESTORED);

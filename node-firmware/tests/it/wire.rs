@@ -299,6 +299,8 @@ fn golden() -> Vec<(Message, String)> {
         Sight::NotLooking,
         Sight::Failed,
         Sight::NotReady,
+        Sight::Hidden,
+        Sight::Several,
     ];
     for (n, sight) in sights.into_iter().enumerate() {
         let seen = if n == 0 {
@@ -344,7 +346,7 @@ fn golden() -> Vec<(Message, String)> {
 }
 
 /// One of each kind.
-fn healths() -> [(Health, &'static str); 8] {
+fn healths() -> [(Health, &'static str); 10] {
     let health = |memory, camera, restart| Health {
         memory,
         camera,
@@ -378,6 +380,14 @@ fn healths() -> [(Health, &'static str); 8] {
         (
             health(Memory::Flash, Eye::Sees, Restart::Program),
             "00000400",
+        ),
+        (
+            health(Memory::Flash, Eye::Hidden, Restart::Ordinary),
+            "00030000",
+        ),
+        (
+            health(Memory::Flash, Eye::Several, Restart::Ordinary),
+            "00040000",
         ),
     ]
 }
@@ -465,6 +475,7 @@ fn what_the_pc_is_told_is_these_bytes() {
     for (outcome, hex) in [
         (CommandOutcome::Learnt(share(3)), "030301010203"),
         (CommandOutcome::CommonColour(share(445)), "0303010103bd03"),
+        (CommandOutcome::PartOfObject, "0303010104"),
     ] {
         let done = CommandResult {
             command: CameraCommand::LearnColour { colour: 1 },

@@ -32,7 +32,6 @@ macro_rules! targets {
 
 targets! {
     answers_files
-    cmucam2_command
     cmucam2_parser
     cmucam2_session
     config_page

@@ -100,7 +100,6 @@ macro_rules! targets {
 
 targets! {
     answers_files: 100_000,
-    cmucam2_command: 500_000,
     cmucam2_parser: 500_000,
     cmucam2_session: 500_000,
     config_page: 500_000,

@@ -196,6 +196,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
         Model::OpenMvTags => Shape::Any,
         _ => Shape::Round {
             rows_per_column: 1.0,
+            tangent: 0.0,
         },
     };
     let frames = usize::from(Patience::default().frames);

@@ -51,7 +51,7 @@ impl Emulator {
 
     fn refuse(&mut self) {
         if !self.modes.raw.suppresses_replies() {
-            self.say(b"NCK\r");
+            self.say_line(b"NCK");
         }
         self.prompt();
     }

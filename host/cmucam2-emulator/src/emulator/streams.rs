@@ -78,7 +78,13 @@ impl Emulator {
             self.note(|| Note::Fault("cut"));
             bytes = &bytes[..self.faults.cut.pick(bytes.len() as u64) as usize];
         }
-        self.say(bytes);
+        match bytes.strip_suffix(b"\r") {
+            Some(text) if !raw => {
+                self.last_packet = bytes.to_vec();
+                self.say_line(text);
+            }
+            _ => self.say(bytes),
+        }
         let end = self.wire.free_at();
         self.note(|| Note::Packet { packet, end });
     }

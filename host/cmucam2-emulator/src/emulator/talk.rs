@@ -3,6 +3,7 @@
 use super::{Activity, Emulator, MILLISECOND, Note, Time};
 use crate::{
     command::{Command, RawHeard},
+    differencing::Grid,
     light::Light,
     sensor::Sensor,
     switches::Switches,
@@ -26,10 +27,26 @@ const BANNERS: [&str; 6] = [
 /// Bytes that the camera keeps, of those that come while it starts.
 const EARLY_MAX: usize = 128;
 
+/// The blocks of an upload that is sent in the line of its command, as one program does. No level is a carriage
+/// return.
+fn uploaded(line: &[u8]) -> Option<&[u8; 64]> {
+    let (letters, blocks) = line.split_first_chunk::<2>()?;
+    letters
+        .eq_ignore_ascii_case(b"UD")
+        .then(|| blocks.try_into().ok())?
+}
+
 impl Emulator {
     /// One byte that arrived at the camera.
     pub(super) fn hear(&mut self, byte: u8, now: Time) {
         self.answer_at = now + LATENCY;
+        let hears = !matches!(
+            self.activity,
+            Activity::Dead | Activity::Silent { .. } | Activity::Boot { .. }
+        );
+        if hears && self.switches().echo == 1 {
+            self.say(&[byte]);
+        }
         match &mut self.activity {
             Activity::Command => self.type_in(byte, now),
             Activity::Boot { early, .. } => {
@@ -72,6 +89,7 @@ impl Emulator {
         }
         self.note(|| Note::Stopped);
         self.activity = Activity::Command;
+        self.is_late = self.switches().late_packet == 1 && !self.last_packet.is_empty();
         if self.switches().stop_ack == 1 {
             self.acknowledge();
         }
@@ -90,6 +108,10 @@ impl Emulator {
             b'\r' => {
                 let line = std::mem::take(&mut self.line);
                 match Command::read(&line) {
+                    Err(_) if let Some(blocks) = uploaded(&line) => {
+                        self.reference = Grid::uploaded(blocks, self.modes.fine_grid);
+                        self.idle();
+                    }
                     Ok(None) => self.idle(),
                     Ok(Some(command)) => self.obey(&line, Ok(command), now),
                     Err(why) => self.obey(&line, Err(why), now),
@@ -115,14 +137,28 @@ impl Emulator {
         }
     }
 
+    /// A line of text with its end.
+    pub(super) fn say_line(&mut self, text: &[u8]) {
+        let end = ["\r", " \r", "\r\n"][usize::from(self.switches().line_end)];
+        self.say(&[text, end.as_bytes()].concat());
+    }
+
     pub(super) fn acknowledge(&mut self) {
-        if !self.modes.raw.suppresses_replies() {
-            self.say(b"ACK\r");
+        if self.modes.raw.suppresses_replies() {
+            return;
         }
+        if std::mem::take(&mut self.is_late) {
+            self.say(b"AC");
+            let late = std::mem::take(&mut self.last_packet);
+            self.say(&late);
+            return self.say_line(b"K");
+        }
+        self.say_line(b"ACK");
     }
 
     pub(super) fn prompt(&mut self) {
-        self.say(b":");
+        let prompt = [":", ": ", "\r:\r"][usize::from(self.switches().prompt_line)];
+        self.say(prompt.as_bytes());
     }
 
     pub(super) fn say_banner(&mut self, carriage_return: bool) {

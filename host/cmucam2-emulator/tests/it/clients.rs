@@ -253,4 +253,4 @@ macro_rules! clients {
     };
 }
 
-clients!(frc, player, arduino, python, robot, window);
+clients!(frc, player, arduino, python, robot, window, desktop);

@@ -309,7 +309,9 @@ fn inverted_bounds_are_refused_or_track_nothing() {
 
 #[test]
 fn learning_in_the_window_says_what_it_saw() {
-    let mut terminal = Terminal::new(Configuration::default(), orange_box([0, 87], [0, 142]));
+    let mut configuration = Configuration::default();
+    configuration.switches.window_mean = 1;
+    let mut terminal = Terminal::new(configuration, orange_box([0, 87], [0, 142]));
     terminal.freeze();
     let stream = terminal.types("TW\r");
     let mean = stream.split('\r').nth(1).unwrap().to_owned();
@@ -393,7 +395,7 @@ fn no_input_breaks_it() {
         terminal.camera.set_faults(&FaultRates::default());
         terminal.camera.power_cycle(terminal.now);
         terminal.read(2 * SECOND);
-        assert!(terminal.types("GV\r").starts_with("ACK\rCMUcam"));
+        assert!(terminal.types("GV\r").contains("CMUcam"), "{seed}");
     }
 }
 

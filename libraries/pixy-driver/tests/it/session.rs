@@ -316,6 +316,46 @@ impl embedded_hal_async::i2c::I2c for Bus {
     }
 }
 
+/// A bus that is disturbed once, at any of its transfers, fails the call at once, and the next one succeeds. Of that
+/// the maker's library for Arduino hung (`charmedlabs/pixy2`, pull request 32).
+#[test]
+fn a_bus_that_is_disturbed_fails_one_call() {
+    struct Disturbed(Bus, u32);
+    impl embedded_hal::i2c::ErrorType for Disturbed {
+        type Error = embedded_hal::i2c::ErrorKind;
+    }
+    impl embedded_hal::i2c::I2c for Disturbed {
+        fn transaction(
+            &mut self,
+            address: u8,
+            operations: &mut [embedded_hal::i2c::Operation<'_>],
+        ) -> Result<(), Self::Error> {
+            self.1 = self.1.wrapping_sub(1);
+            if self.1 == 0 {
+                return Err(embedded_hal::i2c::ErrorKind::ArbitrationLoss);
+            }
+            self.0.transaction(address, operations)
+        }
+    }
+    let line = Line::default();
+    line.0.borrow_mut().blocks = BALL.to_vec();
+    let mut failed = 0;
+    for at in 1..=6 {
+        let bus = i2c::I2cLine::new(Disturbed(Bus(line.clone(), true), at), i2c::ADDRESS);
+        let mut camera = Pixy::new(Model::Pixy2, bus, Delay);
+        for call in 0..4 {
+            let blocks = camera
+                .blocks_wait(Signatures::one(1), 2)
+                .map(Iterator::count);
+            match blocks {
+                Err(Error::Uart(_)) => failed += 1,
+                other => assert_eq!(other, Ok(1), "disturbed at {at}, call {call}"),
+            }
+        }
+    }
+    assert_eq!(failed, 6);
+}
+
 #[test]
 fn the_same_camera_on_a_bus() {
     let line = Line::default();

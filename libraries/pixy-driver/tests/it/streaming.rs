@@ -126,6 +126,46 @@ fn a_damaged_picture_is_none() {
     );
 }
 
+/// A line that is turned round, as between RS-232 and a pin, or has another rate, is damaged and not silent, and none of
+/// its blocks is taken. People have met both (forum.pixycam.com, topic 5023).
+#[test]
+fn a_line_that_cannot_be_understood_is_not_silent() {
+    let pictures: Vec<u8> = (0..40_u16)
+        .flat_map(|n| picture(&[block(1, 10 + n, None), block(2, 90, None)]))
+        .collect();
+    // At half the rate, two bits are read as one.
+    let slow = pictures.chunks(2).map(|two| {
+        let bits = u16::from_le_bytes([two[0], two[1]]);
+        (0..8).fold(0, |byte, bit| {
+            byte | (((bits >> (2 * bit)) & 1) as u8) << bit
+        })
+    });
+    let turned = pictures.iter().map(|byte| !byte);
+    for bytes in [turned.collect::<Vec<_>>(), slow.collect()] {
+        for (model, request) in [
+            (Model::Pixy, of(Signatures::ALL)),
+            (Model::OpenMv, of(Signatures::ALL)),
+            (Model::Pixy2, Request::Version),
+        ] {
+            let mut session = Session::new(model, Policy::default());
+            session.begin(request, 0);
+            let mut outcome = None;
+            let mut bytes = bytes.iter().cycle();
+            // A byte each 0.1 ms.
+            for now in (0..200_000_000).step_by(100) {
+                session.sent(session.pending().len());
+                session.receive(*bytes.next().unwrap(), now);
+                session.tick(now);
+                outcome = session.outcome();
+                if outcome.is_some() {
+                    break;
+                }
+            }
+            assert_eq!(outcome, Some(Err(Fault::Garbled)), "{model:?}");
+        }
+    }
+}
+
 /// The Pixy tells zero words where it sees nothing, as many as it likes; between pictures, too.
 #[test]
 fn nothing_in_view_is_no_silence() {

@@ -276,8 +276,12 @@ impl Calibration {
     // for less flash
     #[inline(never)]
     fn seen(&self, common: &KeptSighting) -> heapless::Vec<Sighting<f32>, SIGHTINGS> {
-        let seen = self.kept.iter().map(|kept| self.sighting(kept, common));
-        seen.collect()
+        let mut seen = heapless::Vec::new();
+        for kept in self.kept.iter() {
+            // There are no more than that.
+            let _ = seen.push(self.sighting(kept, common));
+        }
+        seen
     }
 
     /// A sighting weighted by its stop's own error: the common error of most stops and the `common` one moves the

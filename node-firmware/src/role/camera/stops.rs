@@ -1,6 +1,6 @@
 //! A camera at a stop of a target: it looks, answers and counts.
 
-use calib_core::{Status, angle, dead_reckoning::Place};
+use calib_core::{Pose, Real, Status, angle, dead_reckoning::Place};
 use nalgebra::{RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
@@ -16,8 +16,7 @@ use crate::{
     facts::KeptSighting,
     message::{
         CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame, Duty, Eye,
-        MemberAddress, Message, PoseParts, Report, Seen, Sight, StopAnswer, StopBearing,
-        StopNumber, Stopped,
+        MemberAddress, Message, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
     vision::Subject,
@@ -141,32 +140,78 @@ impl CameraRole {
             target, stopped, ..
         } = request;
         let picture = seen.filter(Seen::is_usable);
+        let last = self.looks.last(target);
+        let before = last.map(|last| last.sight);
+        let mut sizes = last.map(|last| last.sizes).unwrap_or_default();
+        // Only now the place may be known: the look was judged by all else.
+        let sized = picture
+            .filter(|_| sight == Sight::InView)
+            .and_then(|seen| self.radius(&stopped, &seen))
+            .and_then(|(radius, sigma)| sizes.on_radius(radius, sigma));
+        let sight = sized.unwrap_or(sight);
         // A camera that is stuck would be believed until two others contradict it.
         let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
         let sight = if repeats >= STUCK {
             self.on_eye(now, Eye::Failed);
             Sight::Failed
         } else {
-            if picture.is_some() && self.health.camera == Eye::Failed {
+            if picture.is_some() && self.health.camera != Eye::Blind {
                 self.on_eye(now, Eye::Sees);
             }
             sight
         };
+        // Once is an accident.
+        let refused = match sight {
+            Sight::Hidden => Some(Eye::Hidden),
+            Sight::Several => Some(Eye::Several),
+            _ => None,
+        };
+        if let Some(eye) = refused
+            && before == Some(sight)
+        {
+            self.on_eye(now, eye);
+        }
         let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();
         // The target knows, and asks if it does not.
-        let is_known = sight == Sight::NotInView && self.looks.last_sight(target) == Some(sight);
+        let is_known = sight == Sight::NotInView && before == Some(sight);
         self.looks.insert(LastLook {
             target,
             stopped,
             sight,
             seen: picture,
+            sizes,
             repeats,
             unconfirmed: seen.map(|_| Unconfirmed::new(now + self.slot())),
         });
         if !is_known {
             self.answer(now, target, stopped.stop, sight, seen);
         }
+    }
+
+    /// Direction of a target off the heading, radians, and its distance in the plane, if both places are known.
+    // for less flash
+    #[inline(never)]
+    fn direction(&self, stopped: &Stopped) -> Option<(f32, f32)> {
+        let report = self.progress.report();
+        let is_trusted = report.status() == Status::Calibrated;
+        let is_located = stopped.frame == CoordinateFrame::Site;
+        let pose = report.pose().filter(|_| is_trusted && is_located)?.pose()?;
+        let to_target = stopped.place.position() - pose.position;
+        let off = off_heading(&pose, &to_target);
+        Some((off, root(to_target.norm_squared())))
+    }
+
+    /// Radius of a round target by its width and its distance, and its standard deviation, in the unit of places.
+    fn radius(&self, stopped: &Stopped, seen: &Seen) -> Option<(f32, f32)> {
+        let is_known = self.config.has_round_targets() && seen.half_width > 0;
+        let (_, along) = self.direction(stopped).filter(|_| is_known)?;
+        let range = match self.progress.report().mount {
+            Some(mount) => root(along * along + mount.height * mount.height),
+            // Its own horizontal plane is level.
+            None => along / Real::sine_cosine(seen.elevation.radians().unwrap_or(0.0_f32)).1,
+        };
+        Some((range * seen.half_angle(), range * seen.sigma))
     }
 
     /// Has the camera adapt to the light again if it sees nothing where it should.
@@ -178,19 +223,10 @@ impl CameraRole {
         let Some(Subject::Colour(_)) = subjects.of_target(stopped.colour) else {
             return;
         };
-        let report = self.progress.report();
-        let is_trusted = report.status() == Status::Calibrated;
-        let is_located = stopped.frame == CoordinateFrame::Site;
-        let pose = report.pose().filter(|_| is_trusted && is_located);
-        let direction = pose.and_then(PoseParts::pose).map(|pose| {
-            let to_target = stopped.place.position() - pose.position;
-            let direction = RealField::atan2(to_target.y, to_target.x);
-            let off = angle::wrap_signed(direction - pose.heading);
-            (off, root(to_target.norm_squared()))
-        });
+        let direction = self.direction(stopped);
         match sight {
             Sight::NotInView => {}
-            Sight::InView | Sight::Clipped | Sight::Unsteady => {
+            Sight::InView | Sight::Clipped | Sight::Unsteady | Sight::Hidden | Sight::Several => {
                 self.light.on_seen(direction.map(|(_, range)| range));
                 if self.health.camera == Eye::Blind {
                     self.on_eye(now, Eye::Sees);
@@ -291,8 +327,7 @@ impl CameraRole {
             + (across.transpose() * position * across).x
             + 2.0 * (across.x * c.m13 + across.y * c.m23)
             + c.m33;
-        let direction = RealField::atan2(to_target.y, to_target.x);
-        let off = angle::wrap_signed(direction - pose.heading - seen.bearing);
+        let off = angle::wrap_signed(off_heading(&pose, &to_target) - seen.bearing);
         let is_off = off * off > variance * (WATCH_SIGMAS * WATCH_SIGMAS);
         self.misses = if is_off {
             (self.misses + 1).min(MISSES + 1)
@@ -400,4 +435,12 @@ impl CameraRole {
             }
         }
     }
+}
+
+/// Angle of a direction off the heading of a pose, radians.
+// for less flash
+#[inline(never)]
+fn off_heading(pose: &Pose<f32>, to_target: &Vector2<f32>) -> f32 {
+    let direction = RealField::atan2(to_target.y, to_target.x);
+    angle::wrap_signed(direction - pose.heading)
 }

@@ -1,6 +1,9 @@
 use std::vec::Vec;
 
-use calib_core::dead_reckoning::{Place, Systematic, Track};
+use calib_core::{
+    dead_reckoning::{Place, Systematic, Track},
+    level::Elevation,
+};
 use nalgebra::{Matrix2, Point2};
 
 use super::{reference::ReferenceStops, *};
@@ -1459,4 +1462,77 @@ fn a_camera_that_sees_nothing_where_it_should_says_that_it_is_blind() {
     assert!(camera.notifications.is_pending(CameraNotification::Health));
     see(&mut camera, 4_000, &in_view(113));
     assert_eq!(camera.health.camera, Eye::Sees);
+}
+
+/// A refusal is named once it is no accident, until the target is seen whole.
+#[test]
+fn a_camera_tells_why_it_does_not_believe_its_blobs() {
+    for (sight, eye) in [
+        (Sight::Hidden, Eye::Hidden),
+        (Sight::Several, Eye::Several),
+        (Sight::Clipped, Eye::Sees),
+        (Sight::Unsteady, Eye::Sees),
+    ] {
+        let mut camera = calibrated_colour_camera();
+        for (stop, sight, seen, told) in [
+            (100, sight, None, Eye::Sees),
+            (101, sight, None, eye),
+            (102, Sight::InView, Some(SEEN), Eye::Sees),
+            (103, sight, None, Eye::Sees),
+        ] {
+            let now = 10 * u64::from(stop);
+            let stopped = Message::Stopped(stopped(stop, CoordinateFrame::Site));
+            camera.on_message(at(now), TARGET, &stopped);
+            let _ = outputs(&mut camera, now);
+            camera.on_event(at(now), CameraEvent::Looked(sight, seen));
+            let _ = outputs(&mut camera, now + 1);
+            assert_eq!(camera.health.camera, told, "{sight:?} at {stop}");
+        }
+    }
+}
+
+/// An object that is far smaller or larger than its distance makes the target is not believed, from wherever it is
+/// seen; once it is seen twice, the size before was wrong.
+#[test]
+fn an_object_of_another_size_is_no_target() {
+    let sight_of = |camera: &mut CameraRole, stop: StopNumber, radius: f32, down_deg: f32| {
+        let now = 10 * u64::from(stop);
+        let stopped = stopped(stop, CoordinateFrame::Site);
+        camera.on_message(at(now), TARGET, &Message::Stopped(stopped));
+        let _ = outputs(camera, now);
+        let place: [f32; 2] = stopped.place.position().into();
+        let down = down_deg.to_radians();
+        let range = place[0].hypot(place[1]) / down.cos();
+        let seen = seen_from(0.0, 45.0, place).wide(radius / range);
+        let seen = seen.above(Elevation::from_radians(-down));
+        camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
+        let _ = outputs(camera, now + 1);
+        camera.looks.last(TARGET.0).unwrap().sight
+    };
+    let mut camera = calibrated_colour_camera();
+    for (stop, radius, down_deg, sight) in [
+        (100, 0.1, 0.0, Sight::InView),
+        (101, 0.1, 60.0, Sight::InView),
+        (102, 0.02, 0.0, Sight::Hidden),
+        (103, 0.12, 0.0, Sight::InView),
+        (104, 0.3, 0.0, Sight::Several),
+        (105, 0.1, 60.0, Sight::InView),
+        (106, 0.3, 0.0, Sight::Several),
+        (107, 0.3, 0.0, Sight::InView),
+        (108, 0.1, 0.0, Sight::Hidden),
+        (109, 0.1, 0.0, Sight::InView),
+    ] {
+        let seen = sight_of(&mut camera, stop, radius, down_deg);
+        assert_eq!(seen, sight, "stop {stop}");
+    }
+    // People are of any width, and the distance is not known before there is a pose.
+    let mut camera = calibrated_colour_camera();
+    camera.config.round = false;
+    for (stop, radius) in [(100, 0.1), (101, 0.3)] {
+        assert_eq!(sight_of(&mut camera, stop, radius, 0.0), Sight::InView);
+    }
+    let mut camera = colour_camera(4);
+    for (stop, radius) in [(1, 0.1), (2, 0.3)] {
+        assert_eq!(sight_of(&mut camera, stop, radius, 0.0), Sight::InView);
+    }
 }

@@ -13,7 +13,7 @@ use super::{CoordinatorRole, MemberNotification};
 use crate::{
     console::ToPc,
     facts::FactKey,
-    message::{Duty, Eye, Health, MemberAddress, MemberKind, References, StopNumber},
+    message::{Duty, Health, MemberAddress, MemberKind, References, StopNumber},
 };
 
 /// Time between two questions whether a reference camera is there.
@@ -235,7 +235,7 @@ impl CoordinatorRole {
         };
         member.more.health = health;
         self.tasks.tell(ToPc::Health { address, health });
-        if health.camera != Eye::Sees && self.is_reference(address) {
+        if !health.camera.works() && self.is_reference(address) {
             self.dismiss(now);
         }
     }

@@ -48,6 +48,8 @@ pub enum Look {
     Clipped,
     /// It is partly hidden, or joined by something else.
     Lopsided,
+    /// It may be several, or something else has its colour.
+    Several,
     /// It moves, or comes and goes.
     Unsteady,
 }
@@ -64,6 +66,9 @@ impl fmt::Display for Look {
             Self::Nothing => f.write_str("the target is not in view"),
             Self::Clipped => f.write_str("the target is cut off by the border of the view"),
             Self::Lopsided => f.write_str("the target is partly hidden"),
+            Self::Several => {
+                f.write_str("the target is not alone, or only a part of it has its colour")
+            }
             Self::Unsteady => f.write_str("the target moves or flickers"),
         }
     }
@@ -124,6 +129,7 @@ impl Judge {
             Err(Unsteady::Lost { lost, frames }) if lost == frames => Some(Look::Nothing),
             Err(Unsteady::Clipped) => Some(Look::Clipped),
             Err(Unsteady::Lopsided { .. }) => Some(Look::Lopsided),
+            Err(Unsteady::Wide { .. } | Unsteady::Sparse { .. }) => Some(Look::Several),
             Err(Unsteady::Lost { .. } | Unsteady::Moving { .. }) => Some(Look::Unsteady),
         }
     }

@@ -19,8 +19,10 @@
 //!   hidden) to 7 times (half of it) as much. The CMUcam2 tells the middle of mass in whole columns, cut or
 //!   rounded, so only the excess over that counts: this finds large blobs, and two that are taken for one.
 //! - A [round](Shape::Round) target is narrower than tall. The direction is wrong by half of the missing
-//!   width. A target whose lower or upper part is hidden is wider than tall; its direction is right. The last
-//!   sliver of a hidden target looks like a small one.
+//!   width. The last sliver of a hidden target looks like a small one.
+//! - It is wider than tall: it may be two, and the direction is wrong by up to half of what it has too much. A
+//!   pin-hole's picture of a ball is wider than tall far from the axis, and that is taken into account.
+//! - Its pixels fill little of its box: something else has its colour, or it has only a part of it.
 
 use core::fmt;
 
@@ -51,8 +53,21 @@ const CENTROID_RIGHT: f32 = 1.5;
 /// in its height.
 const NARROW: f32 = 1.5;
 
-/// Share of its width that a round target may lack.
+/// Units that it may be wider than tall: of single colours, cameras tell less often than of light, so that those of
+/// a picture run sideways.
+const WIDE: f32 = 2.5;
+
+/// Share of its width that a round target may lack, or have too much.
 const HIDDEN: f32 = 0.2;
+
+/// Least share of its box that a round target fills, 256 times the share. A ball fills 201.
+const SPARSE: u8 = 128;
+
+/// The same of a target of any shape.
+const SPARSE_ANY: u8 = 50;
+
+/// Units of width below which the pixels of a target's outline decide how much of its box it fills.
+const SMALL: f32 = 5.0;
 
 /// Columns by which the direction may be wrong for one by which the middle of mass is off.
 const DOUBT: f32 = 4.0;
@@ -70,6 +85,8 @@ pub enum Shape {
     Round {
         /// Number of rows that are as much as a column, above 0.
         rows_per_column: f32,
+        /// Tangent of the angle between the axis and the next column; 0 where the picture is as wide everywhere.
+        tangent: f32,
     },
 }
 
@@ -80,6 +97,7 @@ pub struct Steadiness<const N: usize> {
     shape: Shape,
     frames: usize,
     window: Deque<Option<Blob>, N>,
+    is_unanimous: bool,
 }
 
 /// A blob that stood still.
@@ -112,16 +130,6 @@ pub struct Glance {
     pub is_wide: bool,
 }
 
-/// The box around a blob and its middle of mass, columns, and its height, rows.
-struct Outline {
-    left: f32,
-    right: f32,
-    centroid: f32,
-    height: f32,
-    /// Width of the unit in which columns are known.
-    unit: f32,
-}
-
 /// Reason why the blob is not steady yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -149,6 +157,16 @@ pub enum Unsteady {
         /// The excess over rounding, or so much too narrow, columns.
         by: f32,
     },
+    /// It is wider than tall.
+    Wide {
+        /// So much too wide, columns.
+        by: f32,
+    },
+    /// It fills little of its box.
+    Sparse {
+        /// 256 times the share.
+        filled: u8,
+    },
 }
 
 impl fmt::Display for Unsteady {
@@ -173,6 +191,16 @@ impl fmt::Display for Unsteady {
                 "the object is partly hidden, or something else has its colour: its blob is out \
                  of shape by {by:.1} columns"
             ),
+            Self::Wide { by } => write!(
+                f,
+                "the object is wider than tall by {by:.1} columns: it may be two, or something else has its colour"
+            ),
+            Self::Sparse { filled } => write!(
+                f,
+                "the tracked pixels fill {} % of their box: something else in view has this colour, or only \
+                 a part of the object has it",
+                u16::from(*filled) * 100 / 256
+            ),
         }
     }
 }
@@ -188,12 +216,14 @@ impl<const N: usize> Steadiness<N> {
             shape,
             frames: frames.clamp(2, N),
             window: Deque::new(),
+            is_unanimous: false,
         }
     }
 
     /// Forgets all frames.
     pub fn clear(&mut self) {
         self.window.clear();
+        self.is_unanimous = false;
     }
 
     /// Takes the blob of a frame, and judges the last ones.
@@ -210,66 +240,55 @@ impl<const N: usize> Steadiness<N> {
     }
 
     /// Returns true if all the frames looked at say the same: nothing in view, or all of it clipped.
-    pub fn is_unanimous(&self) -> bool {
-        let all = |wanted: &dyn Fn(&Option<Blob>) -> bool| self.window.iter().all(wanted);
-        self.window.len() >= self.frames
-            && (all(&Option::is_none) || all(&|blob| blob.is_some_and(|blob| self.is_cut(&blob))))
+    pub const fn is_unanimous(&self) -> bool {
+        self.is_unanimous
     }
 
-    fn judge(&self) -> Result<Steady, Unsteady> {
+    fn judge(&mut self) -> Result<Steady, Unsteady> {
         let frames = self.window.len();
         if frames < self.frames {
             return Err(Unsteady::Few);
         }
+        let (mut lost, mut cut) = (0, 0);
+        let mut whole = Vec::<&Blob, N>::new();
+        for blob in &self.window {
+            match blob {
+                None => lost += 1,
+                Some(blob) if self.is_cut(blob) => cut += 1,
+                Some(blob) => {
+                    // As many as there are frames.
+                    let _ = whole.push(blob);
+                }
+            }
+        }
+        self.is_unanimous = lost == frames || cut == frames;
         let allowed = frames / UNUSABLE;
-        let seen = || self.window.iter().flatten();
-        let lost = frames - seen().count();
         if lost > allowed {
             return Err(Unsteady::Lost {
                 lost: lost as u16,
                 frames: frames as u16,
             });
         }
-        let whole = || seen().filter(|blob| !self.is_cut(blob));
-        if frames - lost - whole().count() > allowed {
+        let Some(last) = whole.last().filter(|_| cut <= allowed) else {
             return Err(Unsteady::Clipped);
-        }
-        let values = |of: fn(&Blob) -> f32| whole().map(of).collect::<Vec<f32, N>>();
-        let middles = values(Blob::middle);
-        let unit = median(&values(|blob| blob.cell_width));
-        moving(&middles, unit)?;
-        let (left, right) = (
-            median(&values(|blob| blob.left)),
-            median(&values(|blob| blob.right)),
-        );
-        let outline = Outline {
-            left,
-            right,
-            centroid: median(&values(|blob| blob.centroid[0])),
-            height: median(&values(|blob| blob.bottom - blob.top)),
-            unit,
         };
-        let doubt = self.doubt(&outline)?;
-        let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
-        let edge = |n: usize| move |blob: &Blob| above(blob)?.get(n).copied();
-        let median_of = |n: usize| {
-            let mut edges = Vec::<f32, N>::new();
-            for value in whole().map(edge(n)) {
-                // As many as there are frames.
-                let _ = edges.push(value?);
-            }
-            Some(median(&edges))
+        let middles = sorted::<N>(&whole, Blob::middle);
+        moving::<N>(&whole, &middles, last.cell_width)?;
+        let median_of = |of| median(&sorted::<N>(&whole, of));
+        let typical = Blob {
+            left: median_of(|blob| blob.left),
+            right: median_of(|blob| blob.right),
+            top: median_of(|blob| blob.top),
+            bottom: median_of(|blob| blob.bottom),
+            centroid: [median_of(|blob| blob.centroid[0]), last.centroid[1]],
+            pixels: median_of(|blob| f32::from(blob.pixels)) as u8,
+            confidence: median_of(|blob| f32::from(blob.confidence)) as u8,
+            ..**last
         };
-        let above = median_of(0).zip(median_of(1));
-        let above = above.map(|(top, bottom)| [top, bottom]);
+        let doubt = self.doubt(&typical)?;
         Ok(Steady {
-            left,
-            right,
-            above,
-            column_sigma: ComplexField::sqrt(variance),
-            frames: middles.len() as u16,
-            pixels: median(&values(|blob| f32::from(blob.pixels))) as u8,
-            confidence: median(&values(|blob| f32::from(blob.confidence))) as u8,
+            frames: whole.len() as u16,
+            ..Steady::new(&typical, median_variance(&middles) + doubt * doubt)
         })
     }
 
@@ -278,30 +297,10 @@ impl<const N: usize> Steadiness<N> {
         if self.is_cut(blob) {
             return None;
         }
-        let unit = blob.cell_width;
-        let outline = Outline {
-            left: blob.left,
-            right: blob.right,
-            centroid: blob.centroid[0],
-            height: blob.bottom - blob.top,
-            unit,
-        };
         // The look of two objects in one box is no reason to doubt one of them.
-        let is_wide = self.is_wide(&outline);
-        let doubt = if is_wide {
-            0.0
-        } else {
-            self.doubt(&outline).ok()?
-        };
-        let steady = Steady {
-            left: blob.left,
-            right: blob.right,
-            above: above(blob),
-            column_sigma: ComplexField::sqrt(ROUNDING * unit * unit + doubt * doubt),
-            frames: 1,
-            pixels: blob.pixels,
-            confidence: blob.confidence,
-        };
+        let is_wide = is_wide(blob, self.lack(blob));
+        let doubt = if is_wide { 0.0 } else { self.doubt(blob).ok()? };
+        let steady = Steady::new(blob, doubt * doubt);
         Some(Glance { steady, is_wide })
     }
 
@@ -313,47 +312,74 @@ impl<const N: usize> Steadiness<N> {
     }
 
     /// Standard deviation of the direction by doubts on the shape, columns.
-    fn doubt(&self, outline: &Outline) -> Result<f32, Unsteady> {
-        let &Outline {
-            left, right, unit, ..
-        } = outline;
-        let width = right - left;
-        let off = beyond(outline.centroid, (left + right) * 0.5, unit);
-        let missing = self.missing(width, outline.height, unit);
-        if off > width * LOPSIDED && off > 0.0 {
-            return Err(Unsteady::Lopsided { by: off });
+    ///
+    /// # Errors
+    /// [`Unsteady::Lopsided`], [`Unsteady::Wide`], [`Unsteady::Sparse`].
+    fn doubt(&self, blob: &Blob) -> Result<f32, Unsteady> {
+        let width = blob.right - blob.left;
+        let lack = self.lack(blob);
+        let off = beyond(blob.centroid[0], blob.middle(), blob.cell_width);
+        for (by, most) in [(off, width * LOPSIDED), (lack, (width + lack) * HIDDEN)] {
+            if by > most.max(0.0) {
+                return Err(Unsteady::Lopsided { by });
+            }
         }
-        if missing > (width + missing) * HIDDEN {
-            return Err(Unsteady::Lopsided { by: missing });
+        if is_wide(blob, lack) {
+            return Err(Unsteady::Wide { by: -lack });
         }
-        Ok((DOUBT * off).max(missing * 0.5))
-    }
-
-    /// Returns true if it is wider than tall by as much as a half hidden target is narrower.
-    fn is_wide(&self, outline: &Outline) -> bool {
-        let Shape::Round { rows_per_column } = self.shape else {
-            return false;
+        let least = match self.shape {
+            Shape::Any => SPARSE_ANY,
+            Shape::Round { .. } => SPARSE,
         };
-        let width = outline.right - outline.left;
-        let more = width - outline.height / rows_per_column;
-        more > NARROW * outline.unit && more > width * HIDDEN
+        let filled = blob.confidence;
+        // Blocks of frame differencing need not touch each other.
+        if (1..least).contains(&filled) && width >= SMALL && blob.cell_width < 2.0 {
+            return Err(Unsteady::Sparse { filled });
+        }
+        Ok((DOUBT * off).max(lack.abs() * 0.5))
     }
 
-    /// Width that a target lacks, columns; 0 if that may be rounding.
-    fn missing(&self, width: f32, height: f32, unit: f32) -> f32 {
-        let Shape::Round { rows_per_column } = self.shape else {
+    /// Width that a round target lacks, columns; below 0 if it is too wide, and 0 if that may be rounding. A
+    /// pin-hole stretches it away from the axis, by `sqrt(1 + x x)` at the tangent `x`.
+    fn lack(&self, blob: &Blob) -> f32 {
+        let Shape::Round {
+            rows_per_column,
+            tangent,
+        } = self.shape
+        else {
             return 0.0;
         };
-        let missing = height / rows_per_column - width;
-        if missing > NARROW * unit {
-            missing
+        let off = (blob.middle() - f32::from(self.columns.saturating_sub(1)) * 0.5) * tangent;
+        let height = (blob.bottom - blob.top) / rows_per_column;
+        let lack = height * ComplexField::sqrt(1.0 + off * off) - (blob.right - blob.left);
+        if lack.abs() > NARROW * blob.cell_width {
+            lack
         } else {
             0.0
         }
     }
 }
 
+/// Returns true if a target that lacks so much of its width is so much wider than tall that it may be two.
+fn is_wide(blob: &Blob, lack: f32) -> bool {
+    -lack > (HIDDEN * (blob.right - blob.left)).max(WIDE * blob.cell_width)
+}
+
 impl Steady {
+    /// That of one frame, or of a typical one, whose middle has this variance beside that of rounding.
+    fn new(blob: &Blob, variance: f32) -> Self {
+        let unit = blob.cell_width;
+        Self {
+            left: blob.left,
+            right: blob.right,
+            above: above(blob),
+            column_sigma: ComplexField::sqrt(ROUNDING * unit * unit + variance),
+            frames: 1,
+            pixels: blob.pixels,
+            confidence: blob.confidence,
+        }
+    }
+
     /// The column in the middle between its edges.
     pub fn middle(&self) -> f32 {
         (self.left + self.right) * 0.5
@@ -363,8 +389,8 @@ impl Steady {
     /// that no frame shows, columns, from 0.
     pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
         let (bearing, sigma) = self.bearing(camera, floor);
-        let width = camera.bearing(self.left) - camera.bearing(self.right);
-        let seen = Seen::direction(bearing, sigma).wide(width * 0.5);
+        let half_width = camera.bearing(self.left) - bearing;
+        let seen = Seen::direction(bearing, sigma).wide(half_width);
         match self.above {
             Some([top, bottom]) => {
                 let row = (camera.angle(top) + camera.angle(bottom)) * 0.5;
@@ -410,22 +436,19 @@ fn above(blob: &Blob) -> Option<[f32; 2]> {
     Some([blob.top, blob.bottom].map(|row| rows.above_middle(row)))
 }
 
-/// Returns an error if most middles are far apart, or the later ones are elsewhere than the earlier ones.
-fn moving<const N: usize>(middles: &Vec<f32, N>, unit: f32) -> Result<(), Unsteady> {
-    let sorted = sorted(middles);
-    let cut = sorted.len() / UNUSABLE;
-    let most = sorted.get(cut..sorted.len().saturating_sub(cut));
-    let Some((&from, &to)) = most.and_then(|most| most.first().zip(most.last())) else {
+/// Returns an error if most of the middles, which are sorted, are far apart, or the later ones are elsewhere than the
+/// earlier ones.
+fn moving<const N: usize>(blobs: &[&Blob], middles: &[f32], unit: f32) -> Result<(), Unsteady> {
+    let cut = middles.len() / UNUSABLE;
+    let most = middles.get(cut..middles.len().saturating_sub(cut));
+    let (Some(&[from, .., to]), Some((earlier, later))) =
+        (most, blobs.split_at_checked(blobs.len() / 2))
+    else {
         return Err(Unsteady::Few);
     };
-    let half = middles.len() / 2;
-    let part = |from: usize, count: usize| {
-        let part = middles.iter().copied().skip(from).take(count);
-        median(&part.collect::<Vec<f32, N>>())
-    };
-    let drift = (part(0, half) - part(half, N)).abs();
+    let [earlier, later] = [earlier, later].map(|part| median(&sorted::<N>(part, Blob::middle)));
     let spread = SPREAD * unit;
-    if to - from > spread || drift >= spread {
+    if to - from > spread || (earlier - later).abs() >= spread {
         return Err(Unsteady::Moving { from, to });
     }
     Ok(())
@@ -439,15 +462,19 @@ fn beyond(centroid: f32, middle: f32, unit: f32) -> f32 {
         .max(0.0)
 }
 
-fn sorted<const N: usize>(values: &Vec<f32, N>) -> Vec<f32, N> {
-    let mut sorted = values.clone();
+/// One value of each blob, the least first; at most `N`.
+fn sorted<const N: usize>(blobs: &[&Blob], of: fn(&Blob) -> f32) -> Vec<f32, N> {
+    let mut sorted = Vec::new();
+    for blob in blobs {
+        // As many as there are frames.
+        let _ = sorted.push(of(blob));
+    }
     sort(&mut sorted, |a, b| a.total_cmp(b).is_lt());
     sorted
 }
 
-/// The middle value, or the mean of the two in the middle; 0 of none.
-fn median<const N: usize>(values: &Vec<f32, N>) -> f32 {
-    let sorted = sorted(values);
+/// The middle of sorted values, or the mean of the two in the middle; 0 of none.
+fn median(sorted: &[f32]) -> f32 {
     let at = |place: usize| sorted.get(place).copied().unwrap_or(0.0);
     let half = sorted.len() / 2;
     if sorted.len().is_multiple_of(2) {
@@ -458,7 +485,7 @@ fn median<const N: usize>(values: &Vec<f32, N>) -> f32 {
 }
 
 /// Variance of the median of noisy values: `pi / 2n` times theirs.
-fn median_variance<const N: usize>(values: &Vec<f32, N>) -> f32 {
+fn median_variance(values: &[f32]) -> f32 {
     let count = values.len().max(1) as f32;
     let mean = values.iter().sum::<f32>() / count;
     let squares: f32 = values

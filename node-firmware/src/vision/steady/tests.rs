@@ -11,6 +11,7 @@ const COLUMNS: u16 = 88;
 
 const ROUND: Shape = Shape::Round {
     rows_per_column: 2.0,
+    tangent: 0.0,
 };
 
 fn blob(values: [u8; 8]) -> Option<Blob> {
@@ -128,6 +129,53 @@ fn what_is_not_one_ball_is_refused() {
     let mirrored = blob([45, 70, 30, 60, 49, 80, 20, 90]);
     assert!(matches!(
         last([mirrored; 10]),
+        Err(Unsteady::Lopsided { .. })
+    ));
+}
+
+/// A blob is judged by its shape before it is believed.
+#[test]
+fn the_shape_is_judged() {
+    let wide = |by| Some(Unsteady::Wide { by });
+    let sparse = |filled| Some(Unsteady::Sparse { filled });
+    for (told, shape, why) in [
+        ([40, 70, 36, 61, 44, 78, 20, 201], ROUND, None),
+        // Two balls side by side.
+        ([40, 70, 31, 61, 49, 78, 40, 201], ROUND, wide(10.0)),
+        ([40, 70, 31, 61, 49, 78, 40, 201], Shape::Any, None),
+        // A crescent, and a ball with a speck; a person.
+        ([40, 70, 36, 61, 44, 78, 20, 120], ROUND, sparse(120)),
+        ([40, 70, 36, 61, 44, 78, 20, 120], Shape::Any, None),
+        ([40, 70, 36, 31, 44, 108, 20, 14], Shape::Any, sparse(14)),
+        // So few pixels fill their box by chance; some cameras do not tell.
+        ([40, 70, 39, 68, 41, 73, 1, 100], ROUND, None),
+        ([40, 70, 36, 61, 44, 78, 20, 0], ROUND, None),
+    ] {
+        let mut steadiness = Steadiness::<5>::new(5, COLUMNS, shape);
+        let judged = (0..5).map(|_| steadiness.push(blob(told))).last().unwrap();
+        assert_eq!(judged.err(), why, "{told:?} {shape:?}");
+    }
+}
+
+/// Through a lens of 100 degrees a ball at 40 degrees is wider than tall by a third.
+#[test]
+fn far_from_the_axis_a_ball_is_wide() {
+    let picture = Picture::new(100.0);
+    let judge = |hidden_from: f64, tangent| {
+        let blob = picture.ball(-0.7, 0.0, 0.1, hidden_from);
+        let shape = Shape::Round {
+            rows_per_column: 2.0,
+            tangent,
+        };
+        let mut steadiness = Steadiness::<5>::new(5, COLUMNS, shape);
+        (0..5).map(|_| steadiness.push(blob)).last().unwrap()
+    };
+    let tangent = picture.focal.recip() as f32;
+    assert!(judge(88.0, tangent).is_ok());
+    assert!(matches!(judge(88.0, 0.0), Err(Unsteady::Wide { .. })));
+    let half = 43.5 + picture.focal * 0.7_f64.tan();
+    assert!(matches!(
+        judge(half, tangent),
         Err(Unsteady::Lopsided { .. })
     ));
 }

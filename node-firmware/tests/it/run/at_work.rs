@@ -60,8 +60,8 @@ fn the_pc_commands_a_camera() {
     assert!(site.command(command, 5 * SECOND));
     let blob = TrackedBlob {
         middle: [40, 70],
-        edges: [36, 61, 44, 79],
-        pixels: 60,
+        edges: [34, 57, 46, 82],
+        pixels: 34,
         confidence: 200,
     };
     let told = site.pc.told();

@@ -104,7 +104,7 @@ impl Camera {
                 let packet = match self.sees.get().filter(|_| !self.dazzled.get()) {
                     // In units of 16 x 16 blocks.
                     Some(x) if kind == "FD" => [x, 8, x - 1, 7, x + 1, 9, 6, 255],
-                    Some(x) => [x, 70, x - 4, 61, x + 4, 79, 60, 200],
+                    Some(x) => [x, 70, x - 6, 57, x + 6, 82, 34, 200],
                     None => [0; 8],
                 };
                 let numbers = packet.map(|n| n.to_string()).join(" ");

@@ -27,7 +27,6 @@ const RESUMED: &str = "core::panicking::panic_const::panic_const_async_fn_resume
 const BOUNDS: &str = "core::panicking::panic_bounds_check";
 const BORROWED: &str = "core::cell::panic_already_borrowed";
 const DIVISION: &str = "core::panicking::panic_const::panic_const_div_by_zero";
-const EXPECTED: &str = "core::option::expect_failed";
 const MESSAGE: &str = "core::panicking::panic_fmt";
 const SLICE: &str = "core::slice::index::slice_index_fail";
 /// `assert!`, `unreachable!` and others with a text only.
@@ -67,7 +66,6 @@ const GRANTS: &[Grant] = &[
     grant("embassy-sync", MESSAGE, [23, 18], SYNC),
     grant("embedded-io-async", MESSAGE, [1, 2], WRITE),
     grant("embedded-io-async", SLICE, [1, 2], WRITE),
-    grant("heapless", EXPECTED, [3, 3], "lists are collected from lists of the same capacity"),
     grant("heapless", MESSAGE, [1, 1], "the place was found in the same list, or is the first of a full one"),
     grant("nrf-pac", TEXT, [8, 0], "pins by the bit of a latch; channels and groups of the interconnect by their type; a timer's registers by constants of embassy-nrf"),
     grant("portable-atomic", MESSAGE, [1, 4], "its comparison is where a StaticCell looks whether it was taken: the first task does that, once for each"),

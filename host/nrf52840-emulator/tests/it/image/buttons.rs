@@ -71,10 +71,11 @@ fn a_button_has_a_camera_learn_a_colour() {
         let camera = || {
             let lab = self::lab();
             let mut scene = Scene::default();
+            // It fills half of the view: of less, the camera would take the mean of object and background.
             scene.objects.push(Object {
                 colour: [230, 40, 30],
                 shape: Shape::Disc,
-                place: Place::At(Extent::centred(0.5, 0.5, 0.4, 0.4)),
+                place: Place::At(Extent::centred(0.5, 0.5, 0.5, 0.5)),
             });
             Node {
                 peer: Some(Box::new(lab.eye_before(0, scene))),

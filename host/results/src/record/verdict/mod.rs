@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use calib_core::{Refusal, Status};
 use nalgebra::{Isometry2, Point2};
-use node_firmware::message::{Eye, Health};
+use node_firmware::message::Health;
 
 use super::{
     Node, NodeLens, NodeMount, Protection, Role, RunRecord, checks,
@@ -641,7 +641,7 @@ fn is_gone(camera: &Node) -> bool {
     camera.never_joined()
         || camera.silent
         || !camera.failures.is_empty()
-        || camera.health.camera != Eye::Sees
+        || !camera.health.camera.works()
 }
 
 impl Trouble {

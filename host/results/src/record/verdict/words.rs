@@ -45,6 +45,14 @@ pub fn health_words(health: &Health) -> String {
             "blind: it adapted to the light, and still does not see the target where it should; look \
              at what is before its lens, at the light, and at the colour that it looks for",
         ),
+        Eye::Hidden => Some(
+            "it sees only a part of the target again and again, and does not use that; look at what stands \
+             before its lens",
+        ),
+        Eye::Several => Some(
+            "something else has the target's colour, or only a part of the target has it, and the camera does \
+             not use what it sees; look at its view, and let it learn the colour again",
+        ),
         Eye::Failed => Some(
             "its camera does not answer, or its picture does not change; check its line, its power \
              and its lens",
