@@ -141,6 +141,13 @@ pub struct Mounting<T> {
     pub roll: T,
 }
 
+impl<T: Real> Default for Mounting<T> {
+    /// Level and upright.
+    fn default() -> Self {
+        Self::level()
+    }
+}
+
 /// A direction turned upright: that of a level camera with the same heading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Upright<T> {

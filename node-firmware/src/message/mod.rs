@@ -365,6 +365,18 @@ impl Seen {
         is_known.then_some((range, range * share))
     }
 
+    /// Radius of a ball that is so far away in the plane, and its standard deviation, in the unit of the distance.
+    /// `None` if its width is not known.
+    #[inline(never)] // for less flash
+    pub fn radius(&self, along: f32, mount: Option<Mount>) -> Option<(f32, f32)> {
+        let range = match mount {
+            Some(mount) => root(along * along + mount.height * mount.height),
+            // The camera's own horizontal plane is level.
+            None => along / Real::sine_cosine(self.elevation.radians().unwrap_or(0.0_f32)).1,
+        };
+        (self.half_width > 0).then(|| (range * self.half_angle(), range * self.sigma))
+    }
+
     /// The direction as a ray.
     pub fn ray(&self) -> Ray<f32> {
         Ray::from_bearing(self.bearing)

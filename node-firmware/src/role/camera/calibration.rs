@@ -3,6 +3,7 @@
 use calib_core::{
     Limits, Pose, Refusal, Sighting, angle,
     dead_reckoning::{Place, correlate},
+    fit::Fit,
     level::{self, Mounting, Row, Tolerance},
     resection::{self, Solution},
 };
@@ -32,6 +33,11 @@ const LEVEL: Mounting<f32> = Mounting {
 
 /// Times that the mounting of a camera is improved.
 const MOUNTING_ROUNDS: usize = 8;
+
+/// Share of a radius by which the size of a blob errs besides its columns: light, and edges that are cut off.
+const SIZE_SHARE: f32 = 0.15;
+/// Sizes that contradict a pose, at least.
+const FEWEST_SIZES: usize = 3;
 
 /// Standard deviation of a direction that tells nothing, radians.
 const WORTHLESS: f32 = 3.0;
@@ -177,6 +183,35 @@ impl Calibration {
             chi_squared: solution.chi_squared,
             mount: hung.and_then(|hung| Mount::of(hung.mounting, hung.height)),
         })
+    }
+
+    /// Returns true if the sizes in which it saw a round target contradict this pose: by width and distance it would
+    /// have another radius at each stop. A camera that is upside down fits a pose as well as one that is not, with
+    /// other distances.
+    #[inline(never)] // for less flash
+    pub(super) fn is_contradicted_by_sizes(&self, pose: &PoseParts, mount: Option<Mount>) -> bool {
+        let Some(common) = self.common() else {
+            return false;
+        };
+        let stands = Point2::from(pose.position);
+        let (mut all, mut first, mut second, mut count) = (0.0, 0.0, 0.0, 0);
+        for kept in { self.kept.iter() }.filter(|kept| kept.target == common.target) {
+            let along = root((kept.place.position() - stands).norm_squared());
+            if let Some((radius, sigma)) = kept.seen.radius(along, mount) {
+                let share = sigma / radius;
+                let weight = 1.0 / (share * share + SIZE_SHARE * SIZE_SHARE);
+                all += weight;
+                first += weight * radius;
+                second += weight * radius * radius;
+                count += 1;
+            }
+        }
+        // Squares of what radii differ from their mean, over its square.
+        let fit = Fit {
+            chi_squared: all * (all * second / (first * first) - 1.0),
+            degrees_of_freedom: usize::saturating_sub(count, 1),
+        };
+        count >= FEWEST_SIZES && fit.is_bad()
     }
 
     /// The rows of the sightings that count.

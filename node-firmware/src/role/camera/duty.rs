@@ -371,6 +371,7 @@ impl CameraRole {
             }
             state => state,
         };
+        let state = self.sized(state, solved.mount);
         let sightings = solved.sightings.max(report.sightings);
         self.update(
             now,
@@ -408,20 +409,16 @@ impl CameraRole {
         match solved {
             Ok(answer) => {
                 let limits = self.config.weak.limits();
-                let [first, second] = [0, 1].map(|n| {
-                    let (pose, mount) = (answer.poses.get(n), answer.mounts.get(n));
-                    let state = pose.map_or(CameraState::Waiting, |pose| {
-                        CameraState::judged(*pose, &answer.fit, &limits)
-                    });
-                    Report {
-                        sightings: answer.stops as u8,
-                        used: answer.stops as u8,
-                        chi_squared: answer.fit.chi_squared,
-                        state,
-                        mount: mount.copied().flatten(),
-                        ..report
-                    }
-                });
+                let mut reports = [report; 2];
+                let told = { answer.poses.iter() }.zip(answer.mounts);
+                for (report, (pose, mount)) in reports.iter_mut().zip(told) {
+                    report.sightings = answer.stops as u8;
+                    report.used = answer.stops as u8;
+                    report.chi_squared = answer.fit.chi_squared;
+                    report.state = CameraState::judged(*pose, &answer.fit, &limits);
+                    report.mount = mount;
+                }
+                let [first, second] = reports;
                 let location = (answer.target, answer.located);
                 self.duty.on_solved(second, location, &mut self.unsaved);
                 self.notify(CameraNotification::Posed, now);

@@ -1,13 +1,13 @@
 //! The reference solve on the first reference camera (thesis 2.6.1).
 
 use calib_core::{
-    Ray, Refusal, angle,
+    Pose, Ray, Refusal, angle,
     dead_reckoning::Place,
     fit::Fit,
-    level::{self, Levelness, Mounting, Row, Tolerance},
+    level::{self, Mounting, Row, Tolerance},
     reference::{self, Known, ReferenceOutcome, ReferenceSettings, ReferenceSolution, Stop},
 };
-use nalgebra::{Matrix2, Matrix3, Point2, RealField};
+use nalgebra::{Matrix2, Point2, RealField};
 
 use super::kept::{Kept, OfStop};
 use crate::{
@@ -23,6 +23,9 @@ use crate::{
 /// A stop of a target is told late if only later stops, up to so many, are known. Numbers farther back are
 /// those of a target that began anew.
 const LATE: StopNumber = 64;
+
+/// Mean bearing of targets that are aside, radians: a lens of another focal length turns a camera by its share of it.
+const ASIDE: f32 = 0.3;
 
 /// Headings that are not known to this, radians, are no answer yet.
 const HEADING_LIMIT: f32 = 0.1;
@@ -46,15 +49,17 @@ pub(super) struct ReferenceFrame {
     sensor_heading: Option<f32>,
     /// Standard deviation of the pitch and roll of level cameras, radians.
     tilt: f32,
-    /// Standard deviations of a lens's tangents: a share, and an offset.
-    lens: [f32; 2],
+    /// Variance of a heading by a lens that is not as it is told, square radians.
+    by_lens: f32,
 }
 
 impl ReferenceFrame {
     pub(super) fn new(references: &References, config: &CameraConfig) -> Self {
         let sensor_heading = config.frame_heading_deg.map(f32::to_radians);
         let tilt = config.lens_sigma.tilt_deg.to_radians();
-        let lens = config.lens_sigma.of_tangent();
+        let [focal, principal] = config.lens_sigma.of_tangent();
+        let turn = focal * ASIDE;
+        let by_lens = principal * principal + turn * turn;
         match references.positions {
             Some([first, second]) => {
                 let between = Point2::from(second) - Point2::from(first);
@@ -64,7 +69,7 @@ impl ReferenceFrame {
                     baseline: Some(root(between.norm_squared())),
                     sensor_heading,
                     tilt,
-                    lens,
+                    by_lens,
                 }
             }
             None => Self {
@@ -73,7 +78,7 @@ impl ReferenceFrame {
                 baseline: config.baseline,
                 sensor_heading,
                 tilt,
-                lens,
+                by_lens,
             },
         }
     }
@@ -394,15 +399,7 @@ impl ReferenceStops {
     fn settled(&mut self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
         let mut changes = [0.0; 2];
         for _ in 0..MOUNTING_ROUNDS {
-            let Attempted { answer, mut better } = self.attempt(frame, wanted, Attempt::All)?;
-            if better.is_none() && answer == Err(NotYet::Refused(Refusal::Inconsistent)) {
-                // Those of a walk that was interrupted contradict each other. Its last stops tell mountings too.
-                let few = Attempt::Last(frame.fewest_to_check() + 1);
-                better = self
-                    .attempt(frame, wanted, few)
-                    .ok()
-                    .and_then(|few| few.better);
-            }
+            let Attempted { answer, better } = self.attempt(frame, wanted, Attempt::All)?;
             let Some(better) = better else {
                 return answer;
             };
@@ -445,17 +442,14 @@ impl ReferenceStops {
             Err(why) => return Err(NotYet::Refused(*why)),
         };
         let hung = of_both.hung(&outcome.best, self.mountings, frame);
-        let is_better = hung.iter().any(|hung| hung.better.is_some());
-        let better = is_better.then(|| {
-            let [one, other] = self.mountings;
-            let [first, second] = hung.map(|hung| hung.better);
-            [first.unwrap_or(one), second.unwrap_or(other)]
-        });
-        let answer = decided(outcome, attempt, &hung).and_then(|best| {
+        let [first, second] = &hung;
+        let is_better = first.is_better || second.is_better;
+        let better = is_better.then_some([first.mounting, second.mounting]);
+        let answer = decided(outcome, frame, attempt, &hung).and_then(|best| {
             let (poses, located) = in_frame_of_site(best, &of_both.stops, last, frame)?;
             Ok(Answer {
                 poses,
-                mounts: hung.map(|hung| hung.mount()),
+                mounts: [first.mount, second.mount],
                 target,
                 located,
                 stops: of_both.stops.len(),
@@ -476,19 +470,39 @@ struct Attempted {
 /// Mounting of a reference, by its rows.
 #[derive(Clone, Copy, Default)]
 struct Hung {
-    judged: Option<Levelness<f32>>,
-    better: Option<Mounting<f32>>,
-    /// Variance of its heading by its mounting and its lens.
+    /// As it was believed, to be told with the answer.
+    mount: Option<Mount>,
+    /// The rows contradict it.
+    is_refused: bool,
+    /// As it is to be believed next.
+    mounting: Mounting<f32>,
+    is_better: bool,
+    /// Variance of its heading by its mounting.
     turned: f32,
     /// Variance by its mounting of its place along the baseline.
     shifted: f32,
 }
 
-impl Hung {
-    fn mount(&self) -> Option<Mount> {
-        self.judged
-            .and_then(|judged| Mount::of(judged.mounting, judged.height))
+/// The mounting of a reference by its rows, where this one is believed.
+#[inline(never)] // once, for less flash
+fn hung(
+    (pose, rows): (&Pose<f32>, &[Row<f32>]),
+    mounting: Mounting<f32>,
+    tolerance: &Tolerance<f32>,
+) -> Hung {
+    let better = level::improved(pose, rows, mounting, tolerance);
+    let mut hung = Hung {
+        mounting: better.unwrap_or(mounting),
+        is_better: better.is_some(),
+        ..Hung::default()
+    };
+    if let Some(judged) = level::judge(pose, rows, mounting, tolerance) {
+        hung.mount = Mount::of(mounting, judged.height);
+        hung.is_refused = judged.is_refused();
+        hung.turned = judged.widening.m33;
+        hung.shifted = judged.widening.m11;
     }
+    hung
 }
 
 impl WalkOfBoth {
@@ -505,33 +519,13 @@ impl WalkOfBoth {
             tilt: frame.tilt,
             bob: self.standing,
         };
-        let mut all = [Hung::default(); 2];
-        let poses = best.poses(Point2::origin(), 0.0);
-        let rows = self.rows(best);
-        for (n, (((hung, pose), rows), mounting)) in
-            { all.iter_mut().zip(&poses).zip(&rows).zip(mountings) }.enumerate()
-        {
-            let judged = level::judge(pose, rows, mounting, &tolerance);
-            let widening = judged.map_or_else(Matrix3::zeros, |judged| judged.widening);
-            *hung = Hung {
-                judged,
-                better: level::improved(pose, rows, mounting, &tolerance),
-                turned: widening.m33 + self.by_lens(n, frame.lens),
-                shifted: widening.m11,
-            };
-        }
-        all
-    }
-
-    /// Variance of a camera's heading by a lens that is not as it is told: the turn that its mean bearing would take.
-    fn by_lens(&self, camera: usize, [focal, principal]: [f32; 2]) -> f32 {
-        let bearings = self.seen.iter().filter_map(|seen| seen.get(camera));
-        let (mut sum, mut count) = (0.0, 0.0);
-        for seen in bearings {
-            sum += seen.bearing * seen.bearing;
-            count += 1.0;
-        }
-        principal * principal + focal * focal * sum / f32::max(count, 1.0)
+        let [one, other] = &best.poses(Point2::origin(), 0.0);
+        let [of_one, of_other] = &self.rows(best);
+        let [first, second] = mountings;
+        [
+            hung((one, of_one), first, &tolerance),
+            hung((other, of_other), second, &tolerance),
+        ]
     }
 
     /// The rows of both cameras, in the frame between them.
@@ -589,14 +583,14 @@ fn upright(seen: &Seen, mounting: Mounting<f32>) -> Ray<f32> {
 /// in the last resort.
 fn decided<'a>(
     outcome: &'a mut ReferenceOutcome<f32>,
+    frame: &ReferenceFrame,
     attempt: Attempt,
     hung: &[Hung; 2],
 ) -> Result<&'a ReferenceSolution<f32>, NotYet> {
     let best = &mut outcome.best;
     let fit = best.fit();
-    let is_refused = hung
-        .iter()
-        .any(|hung| hung.judged.is_some_and(|judged| judged.is_refused()));
+    let [first, second] = hung;
+    let is_refused = first.is_refused || second.is_refused;
     if is_refused || fit.is_bad() && attempt != Attempt::LastResort {
         return Err(NotYet::Refused(Refusal::Inconsistent));
     }
@@ -605,10 +599,9 @@ fn decided<'a>(
     if outcome.alternative.is_some() || !sure {
         return Err(NotYet::Refused(Refusal::Undetermined));
     }
-    let [first, second] = hung;
     let c = &mut best.covariance;
-    c.m11 += first.turned;
-    c.m22 += second.turned;
+    c.m11 += first.turned + frame.by_lens;
+    c.m22 += second.turned + frame.by_lens;
     if c.m66 > 0.0 {
         c.m66 += second.shifted;
     }

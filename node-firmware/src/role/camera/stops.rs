@@ -1,6 +1,6 @@
 //! A camera at a stop of a target: it looks, answers and counts.
 
-use calib_core::{Pose, Real, Status, angle, dead_reckoning::Place};
+use calib_core::{Pose, Status, angle, dead_reckoning::Place};
 use nalgebra::{RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
@@ -16,7 +16,8 @@ use crate::{
     facts::KeptSighting,
     message::{
         CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame, Duty, Eye,
-        MemberAddress, Message, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
+        MemberAddress, Message, Mount, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber,
+        Stopped,
     },
     role::COORDINATOR,
     vision::Subject,
@@ -24,6 +25,9 @@ use crate::{
 
 /// A bearing farther off than so many sigmas does not fit the pose.
 const WATCH_SIGMAS: f32 = 6.0;
+
+/// Directions that differ by less may be those of one object, radians: heading and place of a pose err.
+const SAME_DIRECTION: f32 = 0.1;
 
 /// So many that do not fit are no accident.
 const MISSES: u8 = 2;
@@ -204,14 +208,25 @@ impl CameraRole {
 
     /// Radius of a round target by its width and its distance, and its standard deviation, in the unit of places.
     fn radius(&self, stopped: &Stopped, seen: &Seen) -> Option<(f32, f32)> {
-        let is_known = self.config.has_round_targets() && seen.half_width > 0;
-        let (_, along) = self.direction(stopped).filter(|_| is_known)?;
-        let range = match self.progress.report().mount {
-            Some(mount) => root(along * along + mount.height * mount.height),
-            // Its own horizontal plane is level.
-            None => along / Real::sine_cosine(seen.elevation.radians().unwrap_or(0.0_f32)).1,
-        };
-        Some((range * seen.half_angle(), range * seen.sigma))
+        let report = self.progress.report();
+        let is_round = self.config.has_round_targets();
+        let (off, along) = self.direction(stopped).filter(|_| is_round)?;
+        // One in another direction tells that the camera was moved, and distances from where it stood tell nothing.
+        let is_there = (off - report.upright(*seen)?.bearing).abs() < SAME_DIRECTION;
+        seen.radius(along, report.mount).filter(|_| is_there)
+    }
+
+    /// A state whose pose is doubtful if the sizes in which a round target was seen contradict it.
+    pub(super) fn sized(&self, state: CameraState, mount: Option<Mount>) -> CameraState {
+        match state {
+            CameraState::Calibrated(parts) | CameraState::Weak(parts)
+                if self.config.has_round_targets()
+                    && self.calibration.is_contradicted_by_sizes(&parts, mount) =>
+            {
+                CameraState::Doubtful(parts)
+            }
+            state => state,
+        }
     }
 
     /// Has the camera adapt to the light again if it sees nothing where it should.
@@ -384,6 +399,7 @@ impl CameraRole {
             .calibration
             .solve(&self.config.weak.limits(), &self.config.lens_sigma);
         let state = { other_lens.filter(|_| answer.mount.is_none()) }.unwrap_or(answer.state);
+        let state = self.sized(state, answer.mount);
         let count = self.calibration.count();
         self.update(
             now,

@@ -339,13 +339,6 @@ impl<'m> Estimate<'m> {
             let is_good = report.status() != Status::Doubtful;
             Some((entry.address, report.pose().filter(|_| is_good)?.pose()?))
         };
-        let duty = |duty: Duty| {
-            let mut cameras = table.iter();
-            cameras.find_map(|entry| {
-                entry.report.filter(|report| report.duty == Some(duty))?;
-                pose(&entry)
-            })
-        };
         let has_failed = |pair: &[(MemberAddress, Pose<f32>); 2]| {
             let [a, b] = pair.map(|(address, _)| address);
             self.failed.contains(&[a, b]) || self.failed.contains(&[b, a])
@@ -356,7 +349,14 @@ impl<'m> Estimate<'m> {
         if self.failed.is_full() {
             return;
         }
-        let mut found = match [Duty::First, Duty::Second].map(duty) {
+        let mut on_duty = [None; 2];
+        for (found, duty) in on_duty.iter_mut().zip([Duty::First, Duty::Second]) {
+            *found = table.iter().find_map(|entry| {
+                entry.report.filter(|report| report.duty == Some(duty))?;
+                pose(&entry)
+            });
+        }
+        let mut found = match on_duty {
             [Some(first), Some(second)] => Some([first, second]).filter(|pair| !has_failed(pair)),
             _ => None,
         };

@@ -94,6 +94,14 @@ enum Errors {
     },
 }
 
+/// Standard deviation of the place of a camera, but for the error of all places of a target's arrival.
+#[inline(never)] // once, for less flash
+fn own_sigma(pose: &Pose<f32>, arrival: Option<&Arrival>) -> f32 {
+    let all = pose.sigma_position();
+    let common = arrival.map_or(0.0, |of| of.covariance(pose.position).trace());
+    root((all * all - common).max(0.0))
+}
+
 impl Frame {
     /// `None` where the distance of both is hardly known, and they are not references of a site whose frame they
     /// are: then it is one of the unknowns. Their common error from the arrival of the target does not count.
@@ -104,11 +112,7 @@ impl Frame {
         let [(first, from), (second, to)] = references;
         let between = to.position - from.position;
         let baseline = root(between.norm_squared());
-        let sigmas = [from, to].map(|pose| {
-            let all = pose.sigma_position();
-            let common = arrival.map_or(0.0, |of| of.covariance(pose.position).trace());
-            root((all * all - common).max(0.0))
-        });
+        let sigmas = [own_sigma(&from, arrival), own_sigma(&to, arrival)];
         let sum = sigmas.iter().sum::<f32>();
         // The origin, and a place that is not known along the x axis alone.
         let is_frame = matches!(sigmas, [0.0, _]) && to.covariance.m22 == 0.0;
