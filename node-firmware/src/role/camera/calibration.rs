@@ -468,6 +468,27 @@ mod tests {
         (3.5, -1.2),
     ];
 
+    /// A ball of one radius, seen from the origin, has another radius at each stop for a camera that stands elsewhere.
+    /// Without widths nothing is told.
+    #[test]
+    fn sizes_contradict_a_pose_with_other_distances() {
+        let seen = STOPS.map(|(x, y)| (x, y, y.atan2(x)));
+        let mut calibration = calibration(&seen, 0.003);
+        let parts = |x, y| PoseParts {
+            position: [x, y],
+            heading: 0.0,
+            covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
+        };
+        let [right, wrong] = [parts(0.0, 0.0), parts(7.0, 1.0)];
+        assert!(!calibration.is_contradicted_by_sizes(&wrong, None));
+        for kept in calibration.kept.iter_mut() {
+            let range = kept.place.position().coords.norm();
+            kept.seen = kept.seen.wide(0.1 / range);
+        }
+        assert!(!calibration.is_contradicted_by_sizes(&right, None));
+        assert!(calibration.is_contradicted_by_sizes(&wrong, None));
+    }
+
     /// Sightings of a lens of 60 degrees of equal angles, and of one of 63 degrees, decoded as a pin-hole of
     /// 60.
     #[test]

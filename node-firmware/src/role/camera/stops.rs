@@ -26,9 +26,6 @@ use crate::{
 /// A bearing farther off than so many sigmas does not fit the pose.
 const WATCH_SIGMAS: f32 = 6.0;
 
-/// Directions that differ by less may be those of one object, radians: heading and place of a pose err.
-const SAME_DIRECTION: f32 = 0.1;
-
 /// So many that do not fit are no accident.
 const MISSES: u8 = 2;
 
@@ -146,13 +143,6 @@ impl CameraRole {
         let picture = seen.filter(Seen::is_usable);
         let last = self.looks.last(target);
         let before = last.map(|last| last.sight);
-        let mut sizes = last.map(|last| last.sizes).unwrap_or_default();
-        // Only now the place may be known: the look was judged by all else.
-        let sized = picture
-            .filter(|_| sight == Sight::InView)
-            .and_then(|seen| self.radius(&stopped, &seen))
-            .and_then(|(radius, sigma)| sizes.on_radius(radius, sigma));
-        let sight = sized.unwrap_or(sight);
         // A camera that is stuck would be believed until two others contradict it.
         let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
         let sight = if repeats >= STUCK {
@@ -184,7 +174,6 @@ impl CameraRole {
             stopped,
             sight,
             seen: picture,
-            sizes,
             repeats,
             unconfirmed: seen.map(|_| Unconfirmed::new(now + self.slot())),
         });
@@ -204,16 +193,6 @@ impl CameraRole {
         let to_target = stopped.place.position() - pose.position;
         let off = off_heading(&pose, &to_target);
         Some((off, root(to_target.norm_squared())))
-    }
-
-    /// Radius of a round target by its width and its distance, and its standard deviation, in the unit of places.
-    fn radius(&self, stopped: &Stopped, seen: &Seen) -> Option<(f32, f32)> {
-        let report = self.progress.report();
-        let is_round = self.config.has_round_targets();
-        let (off, along) = self.direction(stopped).filter(|_| is_round)?;
-        // One in another direction tells that the camera was moved, and distances from where it stood tell nothing.
-        let is_there = (off - report.upright(*seen)?.bearing).abs() < SAME_DIRECTION;
-        seen.radius(along, report.mount).filter(|_| is_there)
     }
 
     /// A state whose pose is doubtful if the sizes in which a round target was seen contradict it.

@@ -23,12 +23,6 @@ const REPEAT: Duration = Duration::from_millis(1_500);
 /// Then it is given up: the target walks, or does not hear.
 const REPEATS: u8 = 4;
 
-/// Share of its size by which a target may look larger or smaller: the errors of pose, lens and colour.
-const SIZE_SHARE: f32 = 0.4;
-
-/// The same for the errors of the look, sigmas.
-const SIZE_SIGMAS: f32 = 4.0;
-
 /// A target that hears of this camera's status.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownTarget {
@@ -111,42 +105,10 @@ pub(super) struct LastLook {
     pub(super) sight: Sight,
     /// Also where it was not believed.
     pub(super) seen: Option<Seen>,
-    /// Its size, as the last look told that was believed, and as this one does.
-    pub(super) sizes: Sizes,
     /// Number of looks in a row before this one that were the same to the bit, at places that are apart.
     pub(super) repeats: u8,
     /// The target was seen, and has not said yet that it stood there then.
     pub(super) unconfirmed: Option<Unconfirmed>,
-}
-
-/// Size of a round target, as looks tell it from their distance. An object of another size is none, or not all of it,
-/// unless the look before showed the same: then it was the earlier one that was wrong.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Sizes {
-    /// Radius by the last look that was believed, in the unit of places; 0 before the first one.
-    believed: f32,
-    /// The same by the last look.
-    last: f32,
-}
-
-impl Sizes {
-    /// A radius is told, with its standard deviation. Returns the sight of an object of another size.
-    pub(super) fn on_radius(&mut self, radius: f32, sigma: f32) -> Option<Sight> {
-        let tolerance = SIZE_SIGMAS * sigma;
-        let is_other = |known: f32| (radius - known).abs() > SIZE_SHARE * known + tolerance;
-        let before = *self;
-        self.last = radius;
-        if before.believed > 0.0 && is_other(before.believed) && is_other(before.last) {
-            let is_part = radius < before.believed;
-            return Some(if is_part {
-                Sight::Hidden
-            } else {
-                Sight::Several
-            });
-        }
-        self.believed = radius;
-        None
-    }
 }
 
 /// An answer that the target has not confirmed.

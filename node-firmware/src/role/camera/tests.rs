@@ -1,9 +1,6 @@
 use std::vec::Vec;
 
-use calib_core::{
-    dead_reckoning::{Place, Systematic, Track},
-    level::Elevation,
-};
+use calib_core::dead_reckoning::{Place, Systematic, Track};
 use nalgebra::{Matrix2, Point2};
 
 use super::{reference::ReferenceStops, *};
@@ -1488,51 +1485,5 @@ fn a_camera_tells_why_it_does_not_believe_its_blobs() {
             let _ = outputs(&mut camera, now + 1);
             assert_eq!(camera.health.camera, told, "{sight:?} at {stop}");
         }
-    }
-}
-
-/// An object that is far smaller or larger than its distance makes the target is not believed, from wherever it is
-/// seen; once it is seen twice, the size before was wrong.
-#[test]
-fn an_object_of_another_size_is_no_target() {
-    let sight_of = |camera: &mut CameraRole, stop: StopNumber, radius: f32, down_deg: f32| {
-        let now = 10 * u64::from(stop);
-        let stopped = stopped(stop, CoordinateFrame::Site);
-        camera.on_message(at(now), TARGET, &Message::Stopped(stopped));
-        let _ = outputs(camera, now);
-        let place: [f32; 2] = stopped.place.position().into();
-        let down = down_deg.to_radians();
-        let range = place[0].hypot(place[1]) / down.cos();
-        let seen = seen_from(0.0, 45.0, place).wide(radius / range);
-        let seen = seen.above(Elevation::from_radians(-down));
-        camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
-        let _ = outputs(camera, now + 1);
-        camera.looks.last(TARGET.0).unwrap().sight
-    };
-    let mut camera = calibrated_colour_camera();
-    for (stop, radius, down_deg, sight) in [
-        (100, 0.1, 0.0, Sight::InView),
-        (101, 0.1, 60.0, Sight::InView),
-        (102, 0.02, 0.0, Sight::Hidden),
-        (103, 0.12, 0.0, Sight::InView),
-        (104, 0.3, 0.0, Sight::Several),
-        (105, 0.1, 60.0, Sight::InView),
-        (106, 0.3, 0.0, Sight::Several),
-        (107, 0.3, 0.0, Sight::InView),
-        (108, 0.1, 0.0, Sight::Hidden),
-        (109, 0.1, 0.0, Sight::InView),
-    ] {
-        let seen = sight_of(&mut camera, stop, radius, down_deg);
-        assert_eq!(seen, sight, "stop {stop}");
-    }
-    // People are of any width, and the distance is not known before there is a pose.
-    let mut camera = calibrated_colour_camera();
-    camera.config.round = false;
-    for (stop, radius) in [(100, 0.1), (101, 0.3)] {
-        assert_eq!(sight_of(&mut camera, stop, radius, 0.0), Sight::InView);
-    }
-    let mut camera = colour_camera(4);
-    for (stop, radius) in [(1, 0.1), (2, 0.3)] {
-        assert_eq!(sight_of(&mut camera, stop, radius, 0.0), Sight::InView);
     }
 }

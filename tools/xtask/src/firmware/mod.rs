@@ -29,11 +29,9 @@ const PROFILE: &str = "firmware";
 /// Folder of the images.
 const DIRECTORY: &str = "target/firmware";
 
-/// Options of LLVM that make images smaller. At `opt-level = "z"` it stops inlining at 5, where many a call takes more
-/// than the function that is called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 30 or 60 less than
-/// that. Code that is the same in several branches is there once, above them or below: 0.4 KB.
-const SMALLER: &str = "-Cllvm-args=-inline-threshold=25 -enable-gvn-hoist -phi-node-folding-threshold=0 \
-                       -tail-merge-threshold=2000 -tail-merge-size=2";
+/// Limit of inlining. At `opt-level = "z"` LLVM stops at 5, where many a call takes more than the function that is
+/// called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 40 or 60 less than that.
+const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
 
 /// Level of logs in images, for `defmt`: errors, unless this says something else.
 const LOG: &str = "DEFMT_LOG";
@@ -345,7 +343,7 @@ pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf
     // Only here: other programs of this target have their own layout of the memory.
     let linker = format!("target.{TARGET}.linker='{}'", setup::LINKER);
     let mut flags = short_paths()?;
-    flags.push(format!("'{SMALLER}'"));
+    flags.push(format!("'{INLINING}'"));
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
     let cargo = cmd!(
         sh,
