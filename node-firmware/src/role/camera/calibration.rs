@@ -35,7 +35,7 @@ const LEVEL: Mounting<f32> = Mounting {
 const MOUNTING_ROUNDS: usize = 8;
 
 /// Share of a radius by which the size of a blob errs besides its columns: light, and edges that are cut off.
-const SIZE_SHARE: f32 = 0.15;
+const SIZE_SHARE: f32 = 0.25;
 /// Sizes that contradict a pose, at least.
 const FEWEST_SIZES: usize = 3;
 
