@@ -479,7 +479,7 @@ mod tests {
             heading: 0.0,
             covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
         };
-        let [right, wrong] = [parts(0.0, 0.0), parts(7.0, 1.0)];
+        let [right, wrong] = [parts(0.0, 0.0), parts(6.0, 1.7)];
         assert!(!calibration.is_contradicted_by_sizes(&wrong, None));
         for kept in calibration.kept.iter_mut() {
             let range = kept.place.position().coords.norm();
