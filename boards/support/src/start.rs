@@ -36,6 +36,7 @@ pub const fn layout(board: &Board) -> FlashLayout {
 }
 
 /// Cause of a start, as the chip tells it.
+#[derive(Clone, Copy)]
 pub struct Cause {
     words: &'static str,
     is_watchdog: bool,
