@@ -58,6 +58,12 @@ const LEVEL_AGAIN: f64 = 0.2;
 /// Changes of pitch and roll that are none, in their sigmas.
 const SETTLED: f64 = 0.05;
 
+/// Times that mountings are improved for one answer, at most.
+pub const MOUNTING_ROUNDS: u8 = 8;
+/// Pitches of both references from which their mountings are sought, one after the other, radians: level, and down by
+/// 25 and by 45 degrees.
+pub const PITCHES: [f64; 3] = [0.0, 0.44, 0.79];
+
 /// Direction of a target above a camera's own horizontal plane, in tenths of a milliradian, if it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -7,17 +7,14 @@ use super::{
     Finding, JointError, JointSolution, descent::Settling, integrity::Survey, problem::Problem,
     start::Starting,
 };
-use crate::{Limits, Real, Refusal, numerics::real::lit};
+use crate::{
+    Limits, Real, Refusal,
+    level::{MOUNTING_ROUNDS, PITCHES},
+    numerics::real::lit,
+};
 
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
-/// Times that mountings of cameras are improved in a round, at most.
-const MOUNTING_ROUNDS: u8 = 8;
-
-/// Pitches of both references, radians, from which a start is tried where level ones lead nowhere: down by 25 and by
-/// 45 degrees.
-const STEEP: [f64; 2] = [0.44, 0.79];
-
 /// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -52,7 +49,7 @@ pub(super) struct Work<T: Real> {
     round: Round,
     leg_noise_rounds: u8,
     mounting_rounds: u8,
-    /// Steep starts that were tried.
+    /// The one of [`PITCHES`] from which the references began.
     steep: usize,
     /// The finding that was left out before the solve that is under way.
     found: Option<Finding<T>>,
@@ -113,7 +110,7 @@ impl<T: Real> Work<T> {
 
     /// Begins anew with references that look down, if there is a pitch that was not tried and rows that would tell.
     fn begin_steeper(&mut self, problem: &mut Problem<'_, T>) -> bool {
-        let Some(&pitch) = STEEP.get(self.steep) else {
+        let Some(&pitch) = PITCHES.get(self.steep + 1) else {
             return false;
         };
         self.steep += 1;
@@ -121,6 +118,8 @@ impl<T: Real> Work<T> {
             return false;
         }
         self.mounting_rounds = MOUNTING_ROUNDS;
+        // If no start is found, the next round begins with one.
+        problem.common.is_started = false;
         self.stage = Stage::Starting(problem.begin_starting());
         true
     }

@@ -31,9 +31,6 @@ const LEVEL: Mounting<f32> = Mounting {
     roll: 0.0,
 };
 
-/// Times that the mounting of a camera is improved.
-const MOUNTING_ROUNDS: usize = 8;
-
 /// Share of a radius by which the size of a blob errs besides its columns: light, and edges that are cut off.
 const SIZE_SHARE: f32 = 0.25;
 /// Sizes that contradict a pose, at least.
@@ -360,7 +357,7 @@ impl Calibration {
         dropped: &mut [bool],
         tolerance: &Tolerance<f32>,
     ) -> Result<(Solution<f32>, Pose<f32>), Refusal> {
-        let mut rounds = MOUNTING_ROUNDS;
+        let mut rounds = level::MOUNTING_ROUNDS;
         loop {
             let solution = self.fitted(common, dropped)?;
             let pose = self.correlated(common, dropped, &solution.pose)?;

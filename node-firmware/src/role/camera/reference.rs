@@ -108,17 +108,11 @@ const LEVEL: [Mounting<f32>; 2] = [Mounting {
     roll: 0.0,
 }; 2];
 
-/// Pitches of both from which their mountings are sought, radians: level, and down by 25 and by 45 degrees.
-const STARTS: [f32; 3] = [0.0, 0.44, 0.79];
-
 /// Reasons for no answer though the stops have a solution.
 const DECIDED: [NotYet; 2] = [
     NotYet::Refused(Refusal::Inconsistent),
     NotYet::Refused(Refusal::Undetermined),
 ];
-
-/// Times that both mountings are improved from a start.
-const MOUNTING_ROUNDS: usize = 8;
 
 /// Stops as the solve takes them, and what both saw there.
 #[derive(Default)]
@@ -363,7 +357,8 @@ impl ReferenceStops {
         wanted: usize,
     ) -> Result<Answer, NotYet> {
         let mut why = NotYet::Waiting;
-        for pitch in STARTS {
+        for pitch in level::PITCHES {
+            let pitch = pitch as f32;
             self.mountings = [Mounting { pitch, roll: 0.0 }; 2];
             match self.settled(frame, wanted) {
                 Err(NotYet::Refused(refusal)) if why == NotYet::Waiting => {
@@ -398,7 +393,7 @@ impl ReferenceStops {
     /// The answer of all stops with mountings that agree with their rows, found from those that are believed so far.
     fn settled(&mut self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
         let mut changes = [0.0; 2];
-        for _ in 0..MOUNTING_ROUNDS {
+        for _ in 0..level::MOUNTING_ROUNDS {
             let Attempted { answer, better } = self.attempt(frame, wanted, Attempt::All)?;
             let Some(better) = better else {
                 return answer;
