@@ -1,7 +1,6 @@
 //! `cargo xtask test`: all that must hold before a change lands. CI runs this and nothing else.
 
 use std::{
-    env,
     fs::{self, File},
     path::PathBuf,
     process::{Child, Command, ExitCode, Stdio},
@@ -266,6 +265,12 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
     let mut count = Count::default();
     let mut failure = None;
     let mut waiting = Vec::new();
+    // Before a stage builds this program anew in its place.
+    if stages.iter().any(|stage| stage.waits)
+        && let Err(error) = crate::copy_of_this(&crate::tool(sh, BESIDE))
+    {
+        crate::complain(&error);
+    }
     for stage in stages {
         eprintln!("\n==> {}: {}", stage.name, stage.what);
         let meter = Meter::start(sh);
@@ -306,6 +311,9 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
     (count, units)
 }
 
+/// Name of the copy of this program that runs stages beside others.
+const BESIDE: &str = "beside";
+
 /// A stage that runs beside others, as a process of its own.
 struct Beside<'s> {
     stage: &'s Stage,
@@ -317,7 +325,7 @@ struct Beside<'s> {
 
 impl<'s> Beside<'s> {
     fn start(sh: &Shell, stage: &'s Stage, meter: Result<Meter>) -> Result<Self> {
-        let this = env::current_exe().context("path of this program")?;
+        let this = crate::tool(sh, BESIDE);
         let name = stage.name;
         let said = sh.create_dir("target/tools")?.join(format!("{name}.out"));
         let output = File::create(&said).with_context(|| said.display().to_string())?;
