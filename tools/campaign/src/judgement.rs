@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, fmt};
 
 use calib_core::{Refusal, Status};
 use results::record::{Node, RunRecord};
+use serde::{Deserialize, Serialize};
 use site::Scenario;
 
 use crate::{calm, runs::Outcome};
@@ -16,7 +17,7 @@ pub const UNITS: f64 = 0.5;
 pub const DEGREES: f64 = 2.0;
 
 /// Condition that does not hold.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Failure {
     /// A pose that is told as checked errs by more than its protection level, in the unit of the site.
     Unprotected {
@@ -34,8 +35,8 @@ pub enum Failure {
         camera: u16,
         /// Its error, in the unit of the site.
         error: f64,
-        /// The same in sigmas of the direction in which it errs.
-        sigmas: f64,
+        /// The same in sigmas of the direction in which it errs. None: its place was given.
+        sigmas: Option<f64>,
     },
     /// The same of a heading: more than five sigmas, and more than two degrees.
     Turned {
@@ -142,15 +143,15 @@ impl fmt::Display for Failure {
             Self::Deceives {
                 camera,
                 error,
-                sigmas,
-            } if sigmas.is_infinite() => write!(
+                sigmas: None,
+            } => write!(
                 f,
                 "camera {camera} is calibrated at the place that it was given, {error:.2} units off"
             ),
             Self::Deceives {
                 camera,
                 error,
-                sigmas,
+                sigmas: Some(sigmas),
             } => write!(
                 f,
                 "camera {camera} is calibrated and errs by {error:.2} units, {sigmas:.0} sigmas"
@@ -179,7 +180,7 @@ impl fmt::Display for Failure {
 }
 
 /// Facts about one camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraResult {
     /// Status that it tells.
     pub status: Status,
@@ -195,7 +196,7 @@ pub struct CameraResult {
 }
 
 /// Judgement of a run.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Judgement {
     /// Conditions that do not hold.
     pub failures: Vec<Failure>,
@@ -227,12 +228,10 @@ impl Judgement {
 }
 
 /// Distance of a camera's pose from the truth, and the same in predicted sigmas, for the directions in which it was
-/// estimated. A given place has no sigma, so that any error of it is beyond all of them.
-pub fn position_error(camera: &Node) -> Option<(f64, f64)> {
+/// estimated. A given place has no sigma.
+pub fn position_error(camera: &Node) -> Option<(f64, Option<f64>)> {
     let error = camera.error?;
-    let sigmas = camera
-        .position_fit()
-        .map_or(f64::INFINITY, |fit| fit.chi_squared.sqrt());
+    let sigmas = camera.position_fit().map(|fit| fit.chi_squared.sqrt());
     Some((error.x.hypot(error.y), sigmas))
 }
 
@@ -243,7 +242,7 @@ pub fn deceives(camera: &Node) -> Option<Failure> {
         return None;
     }
     let (error, sigmas) = position_error(camera)?;
-    if error > UNITS && sigmas > SIGMAS {
+    if error > UNITS && sigmas.is_none_or(|sigmas| sigmas > SIGMAS) {
         return Some(Failure::Deceives {
             camera: camera.id,
             error,
@@ -415,7 +414,7 @@ mod tests {
                 covariance: Matrix3::from_diagonal(&Vector3::new(0.01, 0.0, 1e-4)),
             });
             let (_, told) = position_error(&node).unwrap();
-            assert!((told - sigmas).abs() < 1e-9, "{told}");
+            assert!((told.unwrap() - sigmas).abs() < 1e-9, "{told:?}");
         }
     }
 
@@ -439,7 +438,7 @@ mod tests {
         });
         let (error, sigmas) = position_error(&node).unwrap();
         assert!((error - 0.5).abs() < 1e-12);
-        assert!((sigmas - (1.5_f64.powi(2) + 16.0).sqrt()).abs() < 1e-9);
+        assert!((sigmas.unwrap() - (1.5_f64.powi(2) + 16.0).sqrt()).abs() < 1e-9);
     }
 
     #[test]

@@ -9,6 +9,7 @@
 //! |---|---|
 //! | [`scenario`] | Draws the scenario of a run |
 //! | [`runs`] | Runs scenarios side by side, to any outcome |
+//! | [`journal`] | Judgements in files, so that a campaign goes on and its parts add up |
 //! | [`judgement`] | Conditions that must hold, and the check of them |
 //! | [`calm`] | Cameras that saw enough once the last fault was over |
 //! | [`minimal`] | Leaves out of a scenario what its failure does not need |
@@ -17,6 +18,7 @@
 #![forbid(unsafe_code)]
 
 pub mod calm;
+pub mod journal;
 pub mod judgement;
 pub mod minimal;
 pub mod runs;

@@ -11,7 +11,8 @@ use std::{
 
 use anyhow::Context;
 use campaign::{
-    judgement::{Judgement, Kind, judge},
+    journal::{self, Judged},
+    judgement::{Kind, judge},
     minimal::minimal,
     runs::{self, Outcome},
     scenario::{self, Draw},
@@ -66,6 +67,12 @@ struct Arguments {
     /// Writes the record of each run to this folder: `host-sim solve-network` reads it
     #[arg(long, value_name = "FOLDER")]
     records: Option<PathBuf>,
+    /// Writes the judgement of each run to this file, a line each; runs that it has already are not run again
+    #[arg(long, value_name = "FILE")]
+    journal: Option<PathBuf>,
+    /// Counts the runs of this file of another part too; may be given several times, with `--runs 0` to do nothing else
+    #[arg(long, value_name = "FILE")]
+    add: Vec<PathBuf>,
     /// Where scenarios are written
     #[arg(long, default_value = "target/campaign")]
     folder: PathBuf,
@@ -96,11 +103,8 @@ fn main() -> anyhow::Result<ExitCode> {
     }
 }
 
-/// The judgement of a run, and what was unusual about it.
-fn judged(
-    arguments: &Arguments,
-    number: u64,
-) -> anyhow::Result<(Judgement, BTreeSet<&'static str>)> {
+/// The judgement of a run.
+fn judged(arguments: &Arguments, number: u64) -> anyhow::Result<Judged> {
     let drawn = arguments.scenario(number);
     let outcome = runs::run(&drawn).with_context(|| format!("run {number} is not possible"))?;
     if let (Some(folder), Outcome::Ended { record, .. }) = (&arguments.records, &outcome) {
@@ -109,7 +113,14 @@ fn judged(
         std::fs::write(&path, record.to_json(false)?)
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    Ok((judge(&drawn, &outcome), scenario::ingredients(&drawn)))
+    let ingredients = scenario::ingredients(&drawn).into_iter();
+    Ok(Judged {
+        seed: arguments.seed,
+        draw: arguments.draw,
+        number,
+        judgement: judge(&drawn, &outcome),
+        ingredients: ingredients.map(str::to_owned).collect(),
+    })
 }
 
 fn write(folder: &Path, name: &str, scenario: &site::Scenario) -> anyhow::Result<PathBuf> {
@@ -124,7 +135,7 @@ fn only(arguments: &Arguments, number: u64) -> anyhow::Result<ExitCode> {
     let drawn = arguments.scenario(number);
     let path = write(&arguments.folder, &format!("{number}.toml"), &drawn)?;
     println!("host-sim run {} --seed {}", path.display(), drawn.seed);
-    let (judgement, _) = judged(arguments, number)?;
+    let judgement = judged(arguments, number)?.judgement;
     for failure in &judgement.failures {
         println!("{failure}");
     }
@@ -156,6 +167,23 @@ fn minimise(
     Ok(scenario::ingredients(&least))
 }
 
+/// Counts the runs of all files, and tells the numbers that are still to be run.
+fn begun(
+    arguments: &Arguments,
+    tally: &mut Tally,
+    numbers: impl Iterator<Item = u64>,
+) -> anyhow::Result<Vec<u64>> {
+    let mut counted = BTreeSet::new();
+    for path in arguments.journal.iter().chain(&arguments.add) {
+        for run in journal::read(path, arguments.seed, arguments.draw)? {
+            if counted.insert(run.number) {
+                tally.add(&run);
+            }
+        }
+    }
+    Ok(numbers.filter(|number| !counted.contains(number)).collect())
+}
+
 fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let jobs = arguments
         .jobs
@@ -169,16 +197,28 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "none of these runs has {}: the second table of a whole campaign names what runs have",
         arguments.having.join(" or ")
     );
+    let (mut tally, mut failed) = (Tally::default(), None);
+    let numbers = begun(arguments, &mut tally, numbers.into_iter())?;
+    let mut file = arguments
+        .journal
+        .as_deref()
+        .map(journal::append)
+        .transpose()?;
     let bar = ProgressBar::new(numbers.len() as u64).with_style(style);
-    let (mut tally, mut impossible) = (Tally::default(), None);
     runs::side_by_side(
         numbers,
         jobs.unwrap_or(NonZeroUsize::MIN),
         |number| judged(arguments, number),
-        |number, judgement| {
-            match judgement {
-                Ok((judgement, ingredients)) => tally.add(number, &judgement, &ingredients),
-                Err(error) => impossible = Some(error),
+        |run| {
+            let counted = run.and_then(|run| {
+                if let Some(file) = &mut file {
+                    journal::write(file, &run)?;
+                }
+                tally.add(&run);
+                Ok(())
+            });
+            if let Err(error) = counted {
+                failed = Some(error);
             }
             let deceived = tally.failing(Kind::Deceives).len();
             bar.set_message(format!("{deceived} deceive"));
@@ -186,7 +226,7 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         },
     );
     bar.finish_and_clear();
-    if let Some(error) = impossible {
+    if let Some(error) = failed {
         return Err(error);
     }
     println!("seed {}, {tally}", arguments.seed);

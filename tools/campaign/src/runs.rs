@@ -118,7 +118,7 @@ pub fn side_by_side<T: Send>(
     numbers: impl IntoIterator<Item = u64>,
     jobs: NonZeroUsize,
     of: impl Fn(u64) -> T + Sync,
-    mut take: impl FnMut(u64, T),
+    mut take: impl FnMut(T),
 ) {
     let numbers: Vec<u64> = numbers.into_iter().collect();
     let next = AtomicU64::new(0);
@@ -129,15 +129,15 @@ pub fn side_by_side<T: Send>(
             scope.spawn(move || {
                 while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed) as usize)
                 {
-                    if done.send((number, of(number))).is_err() {
+                    if done.send(of(number)).is_err() {
                         break;
                     }
                 }
             });
         }
         drop(done);
-        for (number, result) in results {
-            take(number, result);
+        for result in results {
+            take(result);
         }
     });
 }

@@ -1,14 +1,14 @@
 //! Counts over all runs.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fmt,
-};
+use std::{collections::BTreeMap, fmt};
 
 use calib_core::Status;
 use comfy_table::{Table, presets::ASCII_MARKDOWN};
 
-use crate::judgement::{Failure, Judgement, Kind};
+use crate::{
+    journal::Judged,
+    judgement::{Failure, Judgement, Kind},
+};
 
 /// So many numbers of failing runs are listed of a kind.
 const LISTED: usize = 40;
@@ -31,7 +31,7 @@ pub struct Tally {
     errors: Vec<f64>,
     worst: BTreeMap<Kind, (u64, f64, Failure)>,
     /// The runs that had something unusual, by its name.
-    with: BTreeMap<&'static str, With>,
+    with: BTreeMap<String, With>,
 }
 
 /// Counts over some of the runs.
@@ -66,15 +66,14 @@ impl With {
 }
 
 impl Tally {
-    /// Counts a run with these ingredients.
-    pub fn add(
-        &mut self,
-        number: u64,
-        judgement: &Judgement,
-        ingredients: &BTreeSet<&'static str>,
-    ) {
-        for name in ingredients {
-            self.with.entry(name).or_default().add(judgement);
+    /// Counts a run.
+    pub fn add(&mut self, run: &Judged) {
+        let Judged {
+            number, judgement, ..
+        } = run;
+        let number = *number;
+        for name in &run.ingredients {
+            self.with.entry(name.clone()).or_default().add(judgement);
         }
         self.runs += 1;
         for camera in &judgement.cameras {
@@ -170,7 +169,7 @@ impl Tally {
         ]);
         for (name, with) in &self.with {
             table.add_row([
-                (*name).to_owned(),
+                name.clone(),
                 with.runs.to_string(),
                 with.calibrated.to_string(),
                 share(with.deceived, with.calibrated),

@@ -13,6 +13,7 @@ use std::collections::BTreeSet;
 use clap::ValueEnum;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use site::{Overrides, PlacedCamera, RadioTable, Scenario, ScenarioError};
 
 /// A mount that moves so often gives way.
@@ -22,7 +23,7 @@ const SAGS: usize = 4;
 const TRIES: u64 = 1000;
 
 /// Faults that are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 pub enum Draw {
     /// Faults that come and go; every tenth run has a systematic one besides.
     #[default]
