@@ -228,20 +228,28 @@ impl Judgement {
 }
 
 /// Distance of a camera's pose from the truth, and the same in predicted sigmas, for the directions in which it was
-/// estimated. A given place has no sigma.
-pub fn position_error(camera: &Node) -> Option<(f64, Option<f64>)> {
+/// estimated. The place that was given to a reference has the
+/// sigmas `surveyed`, if any ([`RunRecord::surveyed_sigmas`]).
+pub fn position_error(camera: &Node, surveyed: Option<[f64; 2]>) -> Option<(f64, Option<f64>)> {
     let error = camera.error?;
-    let sigmas = camera.position_fit().map(|fit| fit.chi_squared.sqrt());
+    let sigmas = match camera.position_fit() {
+        Some(fit) => Some(fit.chi_squared.sqrt()),
+        None => surveyed.map(|[along, across]| {
+            // No error of a place that was told as exact is one.
+            let share = |error: f64, sigma: f64| if error == 0.0 { 0.0 } else { error / sigma };
+            share(error.x, along).hypot(share(error.y, across))
+        }),
+    };
     Some((error.x.hypot(error.y), sigmas))
 }
 
 /// The error of a pose that is told as good, if it is more than five sigmas, and more than half a unit or two
 /// degrees.
-pub fn deceives(camera: &Node) -> Option<Failure> {
+pub fn deceives(camera: &Node, surveyed: Option<[f64; 2]>) -> Option<Failure> {
     if !camera.is_calibrated() {
         return None;
     }
-    let (error, sigmas) = position_error(camera)?;
+    let (error, sigmas) = position_error(camera, surveyed)?;
     if error > UNITS && sigmas.is_none_or(|sigmas| sigmas > SIGMAS) {
         return Some(Failure::Deceives {
             camera: camera.id,
@@ -260,7 +268,8 @@ pub fn deceives(camera: &Node) -> Option<Failure> {
 /// A pose that is told as good and checked, and errs by more than its protection level.
 fn unprotected(camera: &Node, level: Option<&f64>) -> Option<Failure> {
     let level = *level.filter(|_| camera.is_calibrated())?;
-    let (error, _) = position_error(camera)?;
+    let error = camera.error?;
+    let error = error.x.hypot(error.y);
     (error > level).then_some(Failure::Unprotected {
         camera: camera.id,
         error,
@@ -307,7 +316,8 @@ fn of_record(
             judgement
                 .failures
                 .extend(unprotected(camera, protection.get(&camera.id)));
-            judgement.failures.extend(deceives(camera));
+            let surveyed = record.surveyed_sigmas(camera);
+            judgement.failures.extend(deceives(camera, surveyed));
         }
         if saw_enough && status != Status::Calibrated {
             judgement.failures.push(Failure::Late {
@@ -321,8 +331,8 @@ fn of_record(
             error: camera
                 .estimate
                 .filter(|estimate| estimate.sigma_position() > 0.0)
-                .and_then(|_| position_error(camera))
-                .map(|(distance, _)| distance),
+                .and(camera.error)
+                .map(|error| error.x.hypot(error.y)),
             is_false_alarm: is_false_alarm(camera, status),
             is_checked: protection.contains_key(&camera.id),
             saw_enough,
@@ -373,8 +383,17 @@ mod tests {
             // A reference that was moved: its place was given.
             (0.6, 0.0, Status::Calibrated, true),
         ] {
-            let told = deceives(&camera(error, sigma, status));
+            let told = deceives(&camera(error, sigma, status), None);
             assert_eq!(told.is_some(), is_told, "{error} {sigma} {status:?}");
+        }
+    }
+
+    /// Ten times as far along the baseline as across it.
+    #[test]
+    fn a_place_that_was_measured_errs_as_the_tape_does() {
+        let reference = camera(0.6, 0.0, Status::Calibrated);
+        for (sigmas, is_told) in [([0.2, 0.02], false), ([0.02, 0.2], true)] {
+            assert_eq!(deceives(&reference, Some(sigmas)).is_some(), is_told);
         }
     }
 
@@ -397,7 +416,7 @@ mod tests {
                     f64::to_radians(sigma_deg).powi(2),
                 )),
             });
-            let is_turned = matches!(deceives(&node), Some(Failure::Turned { .. }));
+            let is_turned = matches!(deceives(&node, None), Some(Failure::Turned { .. }));
             assert_eq!(is_turned, is_told, "{degrees} {sigma_deg}");
         }
     }
@@ -413,7 +432,7 @@ mod tests {
                 heading: 0.0,
                 covariance: Matrix3::from_diagonal(&Vector3::new(0.01, 0.0, 1e-4)),
             });
-            let (_, told) = position_error(&node).unwrap();
+            let (_, told) = position_error(&node, None).unwrap();
             assert!((told.unwrap() - sigmas).abs() < 1e-9, "{told:?}");
         }
     }
@@ -436,7 +455,7 @@ mod tests {
             heading: 0.0,
             covariance: Matrix3::new(0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0),
         });
-        let (error, sigmas) = position_error(&node).unwrap();
+        let (error, sigmas) = position_error(&node, None).unwrap();
         assert!((error - 0.5).abs() < 1e-12);
         assert!((sigmas.unwrap() - (1.5_f64.powi(2) + 16.0).sqrt()).abs() < 1e-9);
     }

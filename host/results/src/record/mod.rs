@@ -957,6 +957,18 @@ impl RunRecord {
         self.moved(|network| self.frame(network))
     }
 
+    /// Standard deviations, along and across the baseline, of the place that was given to a reference; `None` if the camera
+    /// is none, or its place was told as exact. The baseline's share moves the second one alone.
+    pub fn surveyed_sigmas(&self, camera: &Node) -> Option<[f64; 2]> {
+        let measured = { self.sightings.iter() }.find(|own| own.network == camera.network)?;
+        let (survey, references) = (measured.survey?, measured.references?);
+        let place = references.cameras.iter().position(|id| *id == camera.id)?;
+        let stretched = survey.baseline_sigma * references.baseline? * place as f64;
+        let across = survey.position_sigma;
+        let along = across.hypot(stretched);
+        (along > 0.0).then_some([along, across])
+    }
+
     /// The same run with all places in the coordinates of the building; `None` if it is not known where a
     /// network's frame is in it. As in [`in_one_frame`](Self::in_one_frame), sigmas of targets' places stay along
     /// the axes of their network.

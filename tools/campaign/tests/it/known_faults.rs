@@ -65,7 +65,10 @@ fn deceiving(path: &Path, carrier: Carrier) -> BTreeSet<u64> {
             scenario.firmware.systematic_heading_deg = Some(0.0);
         }
         let record = record(&scenario);
-        let found: Vec<Failure> = record.cameras().filter_map(deceives).collect();
+        let found: Vec<Failure> = record
+            .cameras()
+            .filter_map(|camera| deceives(camera, record.surveyed_sigmas(camera)))
+            .collect();
         for failure in &found {
             println!("{}, {carrier:?}, seed {seed}: {failure}", path.display());
         }
