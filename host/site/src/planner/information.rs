@@ -1,7 +1,7 @@
 //! Information of a stop: Fisher information, whose inverse bounds the covariance (Cramer-Rao).
 
 use calib_core::{Ray, Sighting, angle, reference::Known, resection};
-use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, SVector, Vector2};
 
 use crate::world::Camera;
 
@@ -99,22 +99,41 @@ pub(crate) fn bound<const N: usize>(
     sound.then_some(inverse)
 }
 
-/// Diagonal of [`bound`] for a pose, by its minors: many choices are tried.
-pub(super) fn variances(information: &Matrix3<f64>) -> Option<Vector3<f64>> {
-    let [a, b, c] = [information.m11, information.m22, information.m33];
-    let [ab, ac, bc] = [information.m12, information.m13, information.m23];
-    let minors = Vector3::new(b * c - bc * bc, a * c - ac * ac, a * b - ab * ab);
-    let determinant = a * minors.x + ab * (ac * bc - ab * c) + ac * (ab * bc - b * ac);
-    let variances = minors / determinant;
-    let is_positive = a > 0.0 && minors.z > 0.0 && determinant > 0.0;
-    let sound = is_positive && variances.iter().all(|v| v.is_finite() && *v > 0.0);
-    sound.then_some(variances)
+/// Diagonal of [`bound`], without the rest of the inverse: very many choices are tried.
+pub(super) fn variances<const N: usize>(
+    information: &SMatrix<f64, N, N>,
+) -> Option<SVector<f64, N>> {
+    // The square of an upper triangle over its pivots, column by column, and the inverse of the triangle.
+    let mut upper = *information;
+    let mut inverse = SMatrix::<f64, N, N>::identity();
+    let mut variances = SVector::<f64, N>::zeros();
+    for pivot in 0..N {
+        let by = upper[(pivot, pivot)];
+        if !(by > 0.0 && by.is_finite()) {
+            return None;
+        }
+        for row in 0..=pivot {
+            variances[row] += inverse[(pivot, row)].powi(2) / by;
+        }
+        for row in pivot + 1..N {
+            let share = upper[(pivot, row)] / by;
+            for column in row..N {
+                upper[(row, column)] -= share * upper[(pivot, column)];
+            }
+            for column in 0..=pivot {
+                inverse[(row, column)] -= share * inverse[(pivot, column)];
+            }
+        }
+    }
+    variances.iter().all(|v| v.is_finite()).then_some(variances)
 }
 
 #[cfg(test)]
 mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
+
+    use nalgebra::Vector3;
 
     use super::*;
 
