@@ -136,11 +136,10 @@ impl Walk {
     /// Has the PC told the stop where it stands, if the PC shows that the target's steps are not known. Returns when
     /// to look again.
     fn tell_place(&mut self, now: Time) -> Option<Time> {
-        let id = self.node.id();
-        let view = self.console.view();
-        let member = view.member(id);
-        let asks = member.filter(|target| target.health.steps.is_some());
         let (stop, mark) = self.walker.standing_at().zip(self.walker.mark())?;
+        let view = self.console.view();
+        let member = view.member(self.node.id());
+        let asks = member.filter(|target| target.health.steps.is_some());
         if asks.is_none() && !self.node.has_no_sensor() {
             return None;
         }

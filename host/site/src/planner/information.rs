@@ -1,7 +1,7 @@
 //! Information of a stop: Fisher information, whose inverse bounds the covariance (Cramer-Rao).
 
 use calib_core::{Ray, Sighting, angle, reference::Known, resection};
-use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2};
+use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, SVector, Vector2};
 
 use crate::world::Camera;
 
@@ -97,4 +97,66 @@ pub(crate) fn bound<const N: usize>(
     let inverse = information.cholesky()?.inverse();
     let sound = inverse.diagonal().iter().all(|v| v.is_finite() && *v > 0.0);
     sound.then_some(inverse)
+}
+
+/// Diagonal of [`bound`], without the rest of the inverse: very many choices are tried.
+pub(super) fn variances<const N: usize>(
+    information: &SMatrix<f64, N, N>,
+) -> Option<SVector<f64, N>> {
+    // The square of an upper triangle over its pivots, column by column, and the inverse of the triangle.
+    let mut upper = *information;
+    let mut inverse = SMatrix::<f64, N, N>::identity();
+    let mut variances = SVector::<f64, N>::zeros();
+    for pivot in 0..N {
+        let by = upper[(pivot, pivot)];
+        if !(by > 0.0 && by.is_finite()) {
+            return None;
+        }
+        for row in 0..=pivot {
+            variances[row] += inverse[(pivot, row)].powi(2) / by;
+        }
+        for row in pivot + 1..N {
+            let share = upper[(pivot, row)] / by;
+            for column in row..N {
+                upper[(row, column)] -= share * upper[(pivot, column)];
+            }
+            for column in 0..=pivot {
+                inverse[(row, column)] -= share * inverse[(pivot, column)];
+            }
+        }
+    }
+    variances.iter().all(|v| v.is_finite()).then_some(variances)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    /// Of one direction to each of some places: two of them leave something open.
+    #[test]
+    fn variances_are_the_diagonal_of_the_bound() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for count in [2, 3, 8].repeat(50) {
+            let rows = (0..count).map(|_| {
+                let row = Vector3::from_fn(|_, _| random.random_range(-9.0..9.0));
+                row * row.transpose()
+            });
+            let information: Matrix3<f64> = rows.sum();
+            let (found, expected) = (variances(&information), bound(&information));
+            if count == 2 {
+                let is_open = |found: Option<Vector3<f64>>| found.is_none_or(|v| v.sum() > 1e9);
+                assert!(is_open(found) && is_open(expected.map(|v| v.diagonal())));
+            } else {
+                let (found, expected) = (found.unwrap(), expected.unwrap().diagonal());
+                assert!((found - expected).norm() < 1e-6 * expected.norm());
+            }
+        }
+        assert_eq!(variances(&Matrix3::zeros()), None);
+        assert_eq!(variances(&-Matrix3::identity()), None);
+    }
 }

@@ -245,15 +245,15 @@ fn score_of(place: f64, headings: f64, range: f64) -> f64 {
 }
 
 fn score_of_pose(information: &Matrix3<f64>, range: f64) -> f64 {
-    information::bound(information).map_or(f64::INFINITY, |v| score_of(v.m11 + v.m22, v.m33, range))
+    information::variances(information).map_or(f64::INFINITY, |v| score_of(v.x + v.y, v.z, range))
 }
 
 /// Score of the references' headings, and of places that they find.
 fn score_of_pair(information: &Matrix6<f64>, range: f64) -> f64 {
-    information::bound(information).map_or(f64::INFINITY, |v| {
+    information::variances(information).map_or(f64::INFINITY, |v| {
         // The frame's heading moves what is far away.
-        let place = v.m33 + v.m44 + v.m55 * (2.0 * range).powi(2);
-        score_of(place, v.m11 + v.m22, range)
+        let place = v[2] + v[3] + v[4] * (2.0 * range).powi(2);
+        score_of(place, v[0] + v[1], range)
     })
 }
 

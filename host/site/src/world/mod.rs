@@ -134,6 +134,9 @@ pub struct Target {
     pub colour: Rgb,
 }
 
+/// Share of a camera's range by which a target may move before it is looked for elsewhere.
+const SLACK: f64 = 0.25;
+
 type Spot = GeomWithData<[f64; 2], usize>;
 type Area = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
@@ -145,7 +148,12 @@ pub struct World {
     targets: Vec<Target>,
     camera_areas: RTree<Area>,
     obstacle_areas: RTree<Area>,
+    /// Where targets are, or have been a little while ago.
     target_spots: RTree<Spot>,
+    /// Place of each target among them.
+    spots: Vec<Point2<f64>>,
+    /// Distance that a target may be off its spot.
+    slack: f64,
     largest_target: f64,
     revision: u64,
 }
@@ -169,6 +177,10 @@ impl World {
             camera_areas: RTree::bulk_load(camera_areas.collect()),
             obstacle_areas: RTree::bulk_load(obstacle_areas.collect()),
             target_spots: RTree::bulk_load(target_spots.collect()),
+            spots: targets.iter().map(|target| target.place).collect(),
+            slack: SLACK * { cameras.iter() }
+                .map(|camera| camera.range)
+                .fold(0.0, f64::max),
             largest_target: targets.iter().map(|t| t.radius).fold(0.0, f64::max),
             cameras,
             obstacles,
@@ -202,6 +214,7 @@ impl World {
         let index = self.targets.len();
         self.target_spots
             .insert(Spot::new(target.place.into(), index));
+        self.spots.push(target.place);
         self.largest_target = self.largest_target.max(target.radius);
         self.targets.push(target);
         self.revision += 1;
@@ -217,11 +230,14 @@ impl World {
         if target.place == place {
             return;
         }
-        self.target_spots
-            .remove(&Spot::new(target.place.into(), index));
         target.place = place;
-        self.target_spots.insert(Spot::new(place.into(), index));
         self.revision += 1;
+        let spot = &mut self.spots[index];
+        if (place - *spot).norm() > self.slack {
+            self.target_spots.remove(&Spot::new((*spot).into(), index));
+            self.target_spots.insert(Spot::new(place.into(), index));
+            *spot = place;
+        }
     }
 
     /// Puts a camera somewhere else, and turns it to a heading, radians.
@@ -244,11 +260,13 @@ impl World {
     /// There is no such camera.
     pub fn look(&self, camera: usize) -> View {
         let camera = &self.cameras[camera];
-        let reach = Vector2::repeat(camera.range + self.largest_target);
+        let reach = camera.range + self.largest_target;
+        let around = Vector2::repeat(reach + self.slack);
         let mut near: Vec<_> = self
             .target_spots
-            .locate_in_envelope(envelope(camera.place - reach, camera.place + reach))
+            .locate_in_envelope(envelope(camera.place - around, camera.place + around))
             .map(|spot| spot.data)
+            .filter(|&index| (self.targets[index].place - camera.place).amax() <= reach)
             .collect();
         // The tree's order depends on what moved before.
         near.sort_unstable();

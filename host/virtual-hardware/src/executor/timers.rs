@@ -20,9 +20,26 @@ pub(super) enum Action {
 /// An event that was planned. They are ordered by time; at one time the event planned first comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct EventId {
-    at: Time,
-    sequence: u64,
+    /// Its time, and its number among all events: one number, which takes one comparison.
+    order: u128,
     slot: usize,
+}
+
+impl EventId {
+    fn new(at: Time, sequence: u64, slot: usize) -> Self {
+        Self {
+            order: u128::from(at) << u64::BITS | u128::from(sequence),
+            slot,
+        }
+    }
+
+    const fn at(self) -> Time {
+        (self.order >> u64::BITS) as Time
+    }
+
+    const fn sequence(self) -> u64 {
+        self.order as u64
+    }
 }
 
 /// With fewer events than these in the order, nothing is gained by leaving some out.
@@ -47,7 +64,7 @@ impl Timers {
         loop {
             let Reverse(event) = self.order.peek()?;
             if is_planned(&self.actions, event) {
-                return Some(event.at);
+                return Some(event.at());
             }
             self.order.pop();
         }
@@ -55,11 +72,8 @@ impl Timers {
 
     pub(super) fn insert(&mut self, at: Time, action: Action) -> EventId {
         self.sequence += 1;
-        let event = EventId {
-            at,
-            sequence: self.sequence,
-            slot: self.actions.insert((self.sequence, action)),
-        };
+        let slot = self.actions.insert((self.sequence, action));
+        let event = EventId::new(at, self.sequence, slot);
         if self.order.len() >= SMALL && self.order.len() > 2 * self.actions.len() {
             let actions = &self.actions;
             self.order
@@ -72,7 +86,7 @@ impl Timers {
     /// Has another task woken instead.
     pub(super) fn rewire(&mut self, event: EventId, waker: &Waker) {
         if let Some((sequence, Action::Wake(old))) = self.actions.get_mut(event.slot)
-            && *sequence == event.sequence
+            && *sequence == event.sequence()
         {
             old.clone_from(waker);
         }
@@ -96,7 +110,7 @@ impl Timers {
 
 fn is_planned(actions: &Slab<(u64, Action)>, event: &EventId) -> bool {
     let own = actions.get(event.slot);
-    own.is_some_and(|(sequence, _)| *sequence == event.sequence)
+    own.is_some_and(|(sequence, _)| *sequence == event.sequence())
 }
 
 #[cfg(test)]
@@ -117,7 +131,7 @@ mod tests {
                 0 => {
                     assert_eq!(
                         timers.next_at(),
-                        expected.keys().next().map(|e: &EventId| e.at)
+                        expected.keys().next().map(|e: &EventId| e.at())
                     );
                     let first = expected.pop_first();
                     match (timers.pop(), &first) {

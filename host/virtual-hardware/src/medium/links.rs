@@ -24,6 +24,8 @@ pub(super) struct Links {
     /// Nodes whose links are out of date.
     moved: Vec<u32>,
     is_moved: Vec<bool>,
+    /// Room for the links of the next one.
+    spare: Vec<Link>,
 }
 
 impl Links {
@@ -38,6 +40,7 @@ impl Links {
             cell_of: Vec::new(),
             moved: Vec::new(),
             is_moved: Vec::new(),
+            spare: Vec::new(),
         }
     }
 
@@ -85,13 +88,8 @@ impl Links {
 
     fn renew(&mut self, node: u32) {
         let index = node as usize;
-        let mut links = std::mem::take(&mut self.links[index]);
-        for link in &links {
-            let others = &mut self.links[link.to as usize];
-            if let Ok(at) = others.binary_search_by_key(&node, |other| other.to) {
-                others.remove(at);
-            }
-        }
+        let before = std::mem::take(&mut self.links[index]);
+        let mut links = std::mem::take(&mut self.spare);
         links.clear();
         self.move_cell(node);
         let [x, y] = self.cell_of[index];
@@ -107,11 +105,21 @@ impl Links {
         links.sort_unstable_by_key(|link| link.to);
         for link in &links {
             let others = &mut self.links[link.to as usize];
-            if let Err(at) = others.binary_search_by_key(&node, |other| other.to) {
-                others.insert(at, Link { to: node, ..*link });
+            let back = Link { to: node, ..*link };
+            match others.binary_search_by_key(&node, |other| other.to) {
+                Ok(at) => others[at] = back,
+                Err(at) => others.insert(at, back),
+            }
+        }
+        // Most stay in reach of a node that moves.
+        for old in &before {
+            if links.binary_search_by_key(&old.to, |link| link.to).is_err() {
+                let others = &mut self.links[old.to as usize];
+                others.retain(|other| other.to != node);
             }
         }
         self.links[index] = links;
+        self.spare = before;
     }
 
     fn move_cell(&mut self, node: u32) {

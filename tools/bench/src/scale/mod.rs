@@ -42,7 +42,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         let mut cost = Cost::default();
         for _ in 0..runs {
             let mut grid = Command::new(&program);
-            grid.args(["run", "grid", "--nodes", &nodes.to_string()]);
+            grid.args(["run", "grid", "--details", "--nodes", &nodes.to_string()]);
             let (said, own) = process::measured(&mut grid, &[0, 1])?;
             seconds += simulated(&said)?;
             cost = cost.and(own);
