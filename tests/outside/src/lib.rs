@@ -46,7 +46,7 @@ pub async fn orange(uart: Uart) -> Option<u8> {
 /// The column in which a Pixy2 sees its first signature.
 pub async fn signature(uart: Uart) -> Option<u16> {
     let mut camera = Pixy::new(Model::Pixy2, uart, Delay(Ticks));
-    let mut blocks = camera.blocks(Signatures::one(1), 1).await.ok()?;
+    let mut blocks = camera.blocks(Signatures::one(1), 1).run().await.ok()?;
     blocks.next().map(|block| block.x)
 }
 
