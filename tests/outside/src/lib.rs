@@ -4,12 +4,17 @@
 
 pub mod board;
 
-use board::{Board, Flash, Ticks, Uart};
+use board::{Flash, Ticks, Uart};
 use calib_core::{Sighting, camera::Camera, nalgebra::Point2, resection};
 use cmucam2_driver::{Cmucam2, colour::ColourBounds, session::Policy};
 use core::time::Duration;
 use flash_log::{Entry, Log, LogError};
-use node_firmware::{config::CheckedConfig, hardware::Peripherals, liveness::Liveness, run::run};
+use node_firmware::{
+    config::CheckedConfig,
+    hardware::{Hardware, Peripherals},
+    liveness::Liveness,
+    run::run,
+};
 use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, nalgebra::Vector3};
 use pixy_driver::{Model, Pixy, packet::Signatures};
 use spinel_radio::SpinelRadio;
@@ -91,6 +96,10 @@ pub async fn hear(uart: Uart, config: &RadioConfig) -> Option<usize> {
 }
 
 /// A whole node, until it cannot go on.
-pub async fn node(config: &CheckedConfig, peripherals: Peripherals<Board>, liveness: &Liveness) {
+pub async fn node(
+    config: &CheckedConfig,
+    peripherals: Peripherals<impl Hardware>,
+    liveness: &Liveness,
+) {
     run(config, peripherals, liveness).await;
 }
