@@ -200,7 +200,7 @@ pub struct Call<'a, U, D, T> {
     reply: PhantomData<fn() -> T>,
 }
 
-/// What a [`Call`] returns, out of an answer. Sealed.
+/// Value that a [`Call`] returns, out of an answer. Sealed.
 pub trait Reply<'a>: Sized + sealed::Sealed {
     /// `None` for an answer of another kind: the session gives none.
     #[doc(hidden)]
