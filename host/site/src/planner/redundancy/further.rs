@@ -23,7 +23,7 @@ pub(super) struct Further {
     pub(super) gains: Vec<Gain>,
 }
 
-/// What a measurement takes away from the covariance: a multiple of the square of a vector.
+/// Fall of the covariance by a measurement: a multiple of the square of a vector.
 pub(super) struct Gain {
     /// Covariance of what it measures with each unknown, after the measurements before it.
     pub(super) with: Vec<f64>,
