@@ -49,7 +49,7 @@ impl Blob {
         let mut blob = Self::default();
         let mut tracked = Tracked::new(view, region, filter);
         let mut runs = Vec::new();
-        for y in region.y1..=region.y2 {
+        for y in tracked.rows() {
             tracked.runs(y, &mut runs);
             for &run in &runs {
                 blob.add(y, run);

@@ -24,7 +24,10 @@ impl Packet {
     pub fn line(&self) -> Vec<u8> {
         let mut line = vec![self.letter];
         for number in &self.numbers {
-            line.extend(format!(" {number}").bytes());
+            let digits = [number / 100, number / 10 % 10, number % 10].map(|digit| b'0' + digit);
+            let zeros = usize::from(*number < 100) + usize::from(*number < 10);
+            line.push(b' ');
+            line.extend_from_slice(&digits[zeros..]);
         }
         line.push(b'\r');
         line
@@ -35,5 +38,21 @@ impl Packet {
         let mut bytes = vec![0xFF, self.letter];
         bytes.extend(self.numbers.iter().map(|number| number.min(&254)));
         bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_told_in_decimal() {
+        let numbers: Vec<u8> = (0..=255).collect();
+        let words: String = numbers.iter().map(|number| format!(" {number}")).collect();
+        let packet = Packet {
+            letter: b'T',
+            numbers,
+        };
+        assert_eq!(packet.line(), format!("T{words}\r").into_bytes());
     }
 }

@@ -1,5 +1,7 @@
 //! Pixels of a frame that count, found exactly by computing only those that noise decides.
 
+use std::ops::RangeInclusive;
+
 use super::{
     blob::Filter,
     colour::Colour,
@@ -64,6 +66,12 @@ impl<'a> Tracked<'a> {
             row: Vec::new(),
             pixels: Vec::new(),
         }
+    }
+
+    /// Rows in which anything may count.
+    pub(super) fn rows(&self) -> RangeInclusive<u8> {
+        let (first, last) = self.rows;
+        first.max(self.region.y1)..=last.min(self.region.y2)
     }
 
     /// The runs of counting pixels of one row, as first and last columns.

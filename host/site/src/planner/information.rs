@@ -1,7 +1,7 @@
 //! Information of a stop: Fisher information, whose inverse bounds the covariance (Cramer-Rao).
 
 use calib_core::{Ray, Sighting, angle, reference::Known, resection};
-use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2};
+use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2, Vector3};
 
 use crate::world::Camera;
 
@@ -97,4 +97,47 @@ pub(crate) fn bound<const N: usize>(
     let inverse = information.cholesky()?.inverse();
     let sound = inverse.diagonal().iter().all(|v| v.is_finite() && *v > 0.0);
     sound.then_some(inverse)
+}
+
+/// Diagonal of [`bound`] for a pose, by its minors: many choices are tried.
+pub(super) fn variances(information: &Matrix3<f64>) -> Option<Vector3<f64>> {
+    let [a, b, c] = [information.m11, information.m22, information.m33];
+    let [ab, ac, bc] = [information.m12, information.m13, information.m23];
+    let minors = Vector3::new(b * c - bc * bc, a * c - ac * ac, a * b - ab * ab);
+    let determinant = a * minors.x + ab * (ac * bc - ab * c) + ac * (ab * bc - b * ac);
+    let variances = minors / determinant;
+    let is_positive = a > 0.0 && minors.z > 0.0 && determinant > 0.0;
+    let sound = is_positive && variances.iter().all(|v| v.is_finite() && *v > 0.0);
+    sound.then_some(variances)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// Of one direction to each of some places: two of them leave something open.
+    #[test]
+    fn variances_are_the_diagonal_of_the_bound() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for count in [2, 3, 8].repeat(50) {
+            let rows = (0..count).map(|_| {
+                let row = Vector3::from_fn(|_, _| random.random_range(-9.0..9.0));
+                row * row.transpose()
+            });
+            let information: Matrix3<f64> = rows.sum();
+            let (found, expected) = (variances(&information), bound(&information));
+            if count == 2 {
+                let is_open = |found: Option<Vector3<f64>>| found.is_none_or(|v| v.sum() > 1e9);
+                assert!(is_open(found) && is_open(expected.map(|v| v.diagonal())));
+            } else {
+                let (found, expected) = (found.unwrap(), expected.unwrap().diagonal());
+                assert!((found - expected).norm() < 1e-6 * expected.norm());
+            }
+        }
+        assert_eq!(variances(&Matrix3::zeros()), None);
+        assert_eq!(variances(&-Matrix3::identity()), None);
+    }
 }

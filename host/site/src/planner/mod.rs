@@ -245,7 +245,7 @@ fn score_of(place: f64, headings: f64, range: f64) -> f64 {
 }
 
 fn score_of_pose(information: &Matrix3<f64>, range: f64) -> f64 {
-    information::bound(information).map_or(f64::INFINITY, |v| score_of(v.m11 + v.m22, v.m33, range))
+    information::variances(information).map_or(f64::INFINITY, |v| score_of(v.x + v.y, v.z, range))
 }
 
 /// Score of the references' headings, and of places that they find.

@@ -9,7 +9,8 @@ use super::{
         Noise,
         ground::{ANYWHERE, Ground},
     },
-    Redundancy, Survey, Tolerance,
+    Level, Redundancy, Survey, Tolerance,
+    further::{Further, Influences},
 };
 use crate::world::World;
 
@@ -69,8 +70,7 @@ impl Checks<'_> {
             false => (ENOUGH / 2.0, LEAST_GAIN * wishing.len() as f64),
             true => (0.0, 0.0),
         };
-        let worth = |walk: &Redundancy| -> f64 {
-            let levels = walk.levels(&wishing);
+        let worth = |levels: &[Level]| -> f64 {
             let shares = levels.iter().zip(&self.wishes);
             shares
                 .map(|(level, wish)| level.share(wish.tolerance).max(enough).ln())
@@ -78,21 +78,22 @@ impl Checks<'_> {
         };
         while stops.len() < most && (stops.is_empty() || !self.are_checked(&now)) {
             let here = now.survey().stops.last().copied();
-            let before = worth(&now);
+            let influences = Influences::of(&now, &wishing);
+            let before = worth(&influences.levels(&Further::default()));
             let tried = candidates.iter().map(|(stop, looks)| {
-                let after = now.with_stop(stop.place, looks);
+                let after = influences.levels(&now.further(stop.place, looks));
                 let gain = before - worth(&after);
                 let way = here.map_or(0.0, |here| (stop.place - here).norm());
-                (stop, gain, gain / (now.survey().range + way), after)
+                (stop, looks, gain, gain / (now.survey().range + way))
             });
             let best = tried
-                .filter(|(_, gain, ..)| *gain > least)
-                .max_by(|(.., a, _), (.., b, _)| a.total_cmp(b));
-            let Some((stop, .., after)) = best else {
+                .filter(|(_, _, gain, _)| *gain > least)
+                .max_by(|(.., a), (.., b)| a.total_cmp(b));
+            let Some((stop, looks, ..)) = best else {
                 break;
             };
             stops.push(stop.clone());
-            now = after;
+            now = now.with_stop(stop.place, looks);
         }
         (stops, now)
     }

@@ -13,11 +13,13 @@ use super::{Noise, ground::Ground, symmetric::Symmetric};
 use crate::world::Camera;
 
 mod checks;
+mod further;
 #[cfg(test)]
 mod tests;
 
 pub use calib_core::fit::RARE;
 pub use checks::{CheckStop, CheckWish, Checks, way_around};
+use further::{Further, Gain, Influences};
 
 /// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
 /// exceed them to be missed once in a thousand. As [`calib_core::joint`] has them.
@@ -228,17 +230,6 @@ impl Row {
         self.entries().map(|(at, by)| covariance[at] * by).sum()
     }
 
-    /// All of them.
-    fn times_all(&self, covariance: &Symmetric) -> Vec<f64> {
-        let mut sums = vec![-0.0; covariance.width()];
-        for (at, by) in self.entries() {
-            for (sum, number) in sums.iter_mut().zip(covariance.row(at)) {
-                *sum += number * by;
-            }
-        }
-        sums
-    }
-
     /// The variance of what everything together foretells of it.
     fn leverage(&self, covariance: &Symmetric) -> f64 {
         { self.entries() }
@@ -314,14 +305,15 @@ impl Survey {
         self.lens_column(self.cameras.len()) + 2 * stop
     }
 
-    fn bearing_row(&self, look: &Look) -> Option<Row> {
+    /// Row of a look at a stop at this place.
+    fn bearing_row(&self, look: &Look, place: Point2<f64>) -> Option<Row> {
         let Look {
             stop,
             camera,
             sigma,
         } = *look;
         let pose = self.cameras.get(camera)?;
-        let to = self.stops.get(stop)? - pose.position;
+        let to = place - pose.position;
         let range = to.norm();
         if !(range > 0.0 && sigma > 0.0) {
             return None;
@@ -357,9 +349,19 @@ impl Survey {
     }
 
     fn leg_rows(&self, stop: usize) -> Option<[Row; 2]> {
-        let before = stop.checked_sub(1)?;
         let covariance = (*self.legs.get(stop)?)?;
-        let way = self.stops[stop] - self.stops[before];
+        let way = self.stops[stop] - self.stops[stop.checked_sub(1)?];
+        self.rows_of_way(stop, way, &covariance)
+    }
+
+    /// Rows of a way to a stop.
+    fn rows_of_way(
+        &self,
+        stop: usize,
+        way: Vector2<f64>,
+        covariance: &Matrix2<f64>,
+    ) -> Option<[Row; 2]> {
+        let before = stop.checked_sub(1)?;
         let whitened = covariance.cholesky()?.l().try_inverse()?;
         let carrier = whitened * Self::by_carrier(way);
         let (from, to) = (self.stop_column(before), self.stop_column(stop));
@@ -375,12 +377,29 @@ impl Survey {
         }))
     }
 
+    /// Covariance of a camera with the error of the references' places. The frame of the nodes errs as they do: its
+    /// places are linear in theirs.
+    fn in_frame(&self, camera: usize, mut covariance: Matrix3<f64>) -> Matrix3<f64> {
+        let [first, second] = [self.cameras[0].position, self.cameras[1].position];
+        let (place, told) = (self.cameras[camera].position, self.told);
+        let square = (second - first).norm_squared();
+        let stretched = (place - first) * told.baseline.unwrap_or(0.0);
+        let share = told.place * told.place / square;
+        let moved = share * ((place - first).norm_squared() + (place - second).norm_squared());
+        let frame = stretched * stretched.transpose() + Matrix2::from_diagonal_element(moved);
+        let mut own = covariance.fixed_view_mut::<2, 2>(0, 0);
+        own += frame;
+        covariance.m33 += 2.0 * share;
+        covariance
+    }
+
     /// `None` where nothing is determined: no references, no stop, or numbers that are none.
     pub fn redundancy(self) -> Option<Redundancy> {
         if self.cameras.len() < 2 || self.stops.is_empty() || self.legs.len() != self.stops.len() {
             return None;
         }
-        let bearings = self.looks.iter().filter_map(|look| self.bearing_row(look));
+        let bearings = { self.looks.iter() }
+            .filter_map(|look| self.bearing_row(look, *self.stops.get(look.stop)?));
         let legs = (1..self.stops.len()).filter_map(|stop| self.leg_rows(stop));
         let rows: Vec<Row> = bearings.chain(legs.flatten()).collect();
         let width = self.stop_column(self.stops.len());
@@ -461,42 +480,7 @@ impl Redundancy {
 
     /// Most that one wrong measurement could do to each of these cameras, none of them a reference.
     pub fn levels(&self, cameras: &[usize]) -> Vec<Level> {
-        let sizes: Vec<f64> = { self.rows.iter() }
-            .map(|row| {
-                let checked = 1.0 - row.leverage(&self.covariance);
-                DETECTED / checked.max(LEAST_REDUNDANCY).sqrt()
-            })
-            .collect();
-        let level = |&camera: &usize| {
-            let column = Survey::camera_column(camera);
-            let (mut position, mut heading) = ((0.0, None), (0.0, None));
-            let own = [0, 1, 2].map(|n| self.covariance.row(column + n));
-            for (row, size) in self.rows.iter().zip(&sizes) {
-                let [x, y, turn] = own.map(|own| row.along(own) * size);
-                // The square of the place is compared: there are many rows, and roots take long.
-                for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
-                    if now > worst.0 {
-                        *worst = (now, Some(row.of));
-                    }
-                }
-            }
-            position.0 = f64::sqrt(position.0);
-            let all = self.covariance(camera);
-            let noise = RARE * (all.m11 + all.m22).max(0.0).sqrt();
-            let turned = RARE * all.m33.max(0.0).sqrt();
-            // The measurement that turns it most matters if it turns it by more than it moves it, seen from afar.
-            let by = if heading.0 * self.survey.range > position.0 {
-                heading.1
-            } else {
-                position.1
-            };
-            Level {
-                position: position.0 + noise,
-                heading: heading.0 + turned,
-                by,
-            }
-        };
-        cameras.iter().map(level).collect()
+        Influences::of(self, cameras).levels(&Further::default())
     }
 
     /// Sigma of a camera's place, along both axes together; `None` of a reference.
@@ -508,10 +492,9 @@ impl Redundancy {
     /// Covariance of `(x, y, heading)` of a camera, the error of the references' places included.
     pub fn covariance(&self, camera: usize) -> Matrix3<f64> {
         let Survey { cameras, told, .. } = &self.survey;
-        let [first, second] = [cameras[0].position, cameras[1].position];
-        let baseline = second - first;
+        let baseline = cameras[1].position - cameras[0].position;
         let square = baseline.norm_squared();
-        let mut covariance = match camera {
+        let covariance = match camera {
             0 | 1 => {
                 let mut own = Matrix3::zeros();
                 own.m33 = self.covariance[(HEADINGS + camera, HEADINGS + camera)];
@@ -527,16 +510,7 @@ impl Redundancy {
                 Matrix3::from_fn(|i, j| self.covariance[(column + i, column + j)])
             }
         };
-        // The frame of the nodes errs as the references do: its places are linear in theirs.
-        let place = cameras[camera].position;
-        let stretched = (place - first) * told.baseline.unwrap_or(0.0);
-        let share = told.place * told.place / square;
-        let moved = share * ((place - first).norm_squared() + (place - second).norm_squared());
-        let frame = stretched * stretched.transpose() + Matrix2::from_diagonal_element(moved);
-        let mut own = covariance.fixed_view_mut::<2, 2>(0, 0);
-        own += frame;
-        covariance.m33 += 2.0 * share;
-        covariance
+        self.survey.in_frame(camera, covariance)
     }
 
     /// Sigma of a camera's place, as [`sigma`](Self::sigma) tells it, if the distance between a stop and a camera were
@@ -565,54 +539,89 @@ impl Redundancy {
         Some((before.powi(2) - lowered).max(0.0).sqrt())
     }
 
-    /// The same walk, gone on with to one more stop, where these cameras see the target.
-    #[must_use]
-    pub fn with_stop(&self, place: Point2<f64>, looks: &[(usize, f64)]) -> Self {
-        let mut survey = self.survey.clone();
+    /// One more stop, where these cameras see the target.
+    fn further(&self, place: Point2<f64>, looks: &[(usize, f64)]) -> Further {
+        let (survey, covariance) = (&self.survey, &self.covariance);
         let last = survey.stops.len() - 1;
+        let (stop, from, width) = (last + 1, survey.stop_column(last), covariance.width());
         let way = place - survey.stops[last];
         let leg = survey.steps.covariance(way);
-        survey.stops.push(place);
-        survey.legs.push(Some(leg));
-        let stop = last + 1;
         // It stands where the way leads from the last one, as far as that is known.
-        let (from, width) = (survey.stop_column(last), self.covariance.width());
-        let mut covariance = self.covariance.widened(2);
         let by = -Survey::by_carrier(way);
-        let foretold = |covariance: &Symmetric, axis: usize, unknown: usize| {
-            covariance[(from + axis, unknown)]
-                + by[(axis, 0)] * covariance[(SCALE, unknown)]
-                + by[(axis, 1)] * covariance[(COMPASS, unknown)]
+        let mut place_with = [0, 1].map(|axis| {
+            let [own, scale, compass] =
+                [from + axis, SCALE, COMPASS].map(|unknown| covariance.row(unknown));
+            let carried = scale.iter().zip(compass);
+            { own.iter().zip(carried) }
+                .map(|(own, (scale, compass))| {
+                    own + by[(axis, 0)] * scale + by[(axis, 1)] * compass
+                })
+                .collect::<Vec<f64>>()
+        });
+        let own = Matrix2::from_fn(|axis, other| {
+            let with = &place_with[other];
+            let carried = by[(axis, 0)] * with[SCALE] + by[(axis, 1)] * with[COMPASS];
+            with[from + axis] + carried + leg[(axis, other)]
+        });
+        for (axis, with) in place_with.iter_mut().enumerate() {
+            with.extend(own.row(axis).iter());
+        }
+        let mut further = Further {
+            leg,
+            place_with,
+            ..Further::default()
         };
-        for axis in 0..2 {
-            for unknown in 0..width {
-                let value = foretold(&covariance, axis, unknown);
-                covariance[(width + axis, unknown)] = value;
-                covariance[(unknown, width + axis)] = value;
-            }
-        }
-        for axis in 0..2 {
-            for other in 0..2 {
-                let value = foretold(&covariance, axis, width + other) + leg[(axis, other)];
-                covariance[(width + axis, width + other)] = value;
-            }
-        }
-        let mut rows = self.rows.clone();
-        rows.extend(survey.leg_rows(stop).into_iter().flatten());
+        let ways = survey.rows_of_way(stop, way, &leg).into_iter().flatten();
+        further.rows.extend(ways);
         for &(camera, sigma) in looks {
             let look = Look {
                 stop,
                 camera,
                 sigma,
             };
-            let Some(row) = survey.bearing_row(&look) else {
+            let Some(row) = survey.bearing_row(&look, place) else {
                 continue;
             };
-            survey.looks.push(look);
-            rows.push(row);
-            let gain = row.times_all(&covariance);
-            let variance = 1.0 + row.leverage(&covariance);
-            covariance.subtract(&gain, variance.recip());
+            let mut with = vec![0.0; width + 2];
+            for (at, by) in row.entries() {
+                for (sum, number) in with.iter_mut().zip(further.row(covariance, at)) {
+                    *sum += number * by;
+                }
+            }
+            for gain in &further.gains {
+                let share = gain.share(&row);
+                for (sum, number) in with.iter_mut().zip(&gain.with) {
+                    *sum -= number * share;
+                }
+            }
+            let weight = (1.0 + row.along(&with)).recip();
+            further.gains.push(Gain { with, weight });
+            further.rows.push(row);
+            further.looks.push(look);
+        }
+        further
+    }
+
+    /// The same walk, gone on with to one more stop, where these cameras see the target.
+    #[must_use]
+    pub fn with_stop(&self, place: Point2<f64>, looks: &[(usize, f64)]) -> Self {
+        let further = self.further(place, looks);
+        let mut survey = self.survey.clone();
+        survey.stops.push(place);
+        survey.legs.push(Some(further.leg));
+        survey.looks.extend(further.looks);
+        let mut rows = self.rows.clone();
+        rows.extend(further.rows);
+        let mut covariance = self.covariance.widened(2);
+        let width = self.covariance.width();
+        for (axis, with) in further.place_with.iter().enumerate() {
+            for (unknown, &value) in with.iter().enumerate() {
+                covariance[(width + axis, unknown)] = value;
+                covariance[(unknown, width + axis)] = value;
+            }
+        }
+        for gain in &further.gains {
+            covariance.subtract(&gain.with, gain.weight);
         }
         Self {
             survey,
