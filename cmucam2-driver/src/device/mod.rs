@@ -15,8 +15,8 @@
 //!
 //! # Time
 //! The driver needs a [`Clock`] to know how long it has waited, and stamps packets with it. Without
-//! one it counts its own delays ([`SummedDelays`]): slices of at most 10 ms when async, and nothing
-//! between two calls.
+//! one it counts its own delays ([`SummedDelays`]): slices of at most 10 ms when async and bytes are awaited, and
+//! nothing between two calls.
 //!
 //! # Streams
 //! [`track_colour`](Cmucam2::track_colour) and [`stream`](Cmucam2::stream) begin a stream;
@@ -45,8 +45,8 @@ pub use full::Part;
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};
 
-/// Longest delay of the async driver. [`SummedDelays`] stands still for less than this when bytes
-/// come.
+/// Longest delay of the async driver while it waits for bytes. [`SummedDelays`] stands still for less than this when
+/// they come.
 const SLICE_US: u32 = 10_000;
 
 /// Number of bytes that are read at once.
@@ -393,8 +393,13 @@ fn send<U: embedded_io::Write>(
     uart.flush().map_err(Error::Uart)
 }
 
-/// Longest time to wait for bytes.
+/// Longest time to wait for bytes. Where none puts the end off, that is all of it.
 fn slice(session: &Session, now: u64) -> u32 {
     let left = session.deadline().map_or(0, |at| at.saturating_sub(now));
-    u32::try_from(left).unwrap_or(SLICE_US).min(SLICE_US)
+    let most = if session.is_waiting() {
+        u32::MAX
+    } else {
+        SLICE_US
+    };
+    left.min(most.into()) as u32
 }

@@ -163,6 +163,13 @@ impl Session {
         }
     }
 
+    /// Returns true if time passes to the deadline, whatever bytes come but a banner.
+    // for less flash
+    #[inline(never)]
+    pub(crate) const fn is_waiting(&self) -> bool {
+        matches!(self.state, State::Busy(_, Doing::Pause | Doing::Wait))
+    }
+
     /// The result of the request, once.
     pub fn outcome(&mut self) -> Option<Result<Answer, Fault>> {
         let State::Over(outcome) = self.state else {
@@ -174,10 +181,7 @@ impl Session {
 
     /// Takes one byte. `row` is the buffer of [`Request::NextPart`], empty otherwise.
     pub fn receive(&mut self, byte: u8, now: u64, row: &mut [u8]) {
-        let waits_for_it = match self.state {
-            State::Busy(_, Doing::Pause | Doing::Wait) => false,
-            State::Busy(..) | State::Idle | State::Over(_) => true,
-        };
+        let waits_for_it = !self.is_waiting();
         let Some(event) = self.dialogue.port.hear(byte, now, waits_for_it) else {
             return;
         };
