@@ -61,7 +61,7 @@ pub(super) fn value_mut(slot: &mut [u8]) -> &mut [u8] {
 
 /// With `mends`, one wrong bit or a wrong key is put right.
 pub(super) fn inspect(slot: &mut [u8], mends: bool) -> Content {
-    // All of them, many at once.
+    // Without an early end: so many bytes are looked at together.
     if slot.iter().fold(0xFF, |all, byte| all & byte) == 0xFF {
         return Content::Erased;
     }

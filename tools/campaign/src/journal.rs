@@ -3,7 +3,7 @@
 use std::{
     collections::BTreeSet,
     fs::{self, File, OpenOptions},
-    io::{ErrorKind, Write},
+    io::Write,
     path::Path,
 };
 
@@ -27,17 +27,22 @@ pub struct Judged {
     pub ingredients: BTreeSet<String>,
 }
 
-/// The runs of a file, none if there is no file. A last line that was cut off is left out.
+/// Beginning of each line.
+const BEGIN: &str = "{\"seed\":";
+
+/// The runs of a file. A last line that was cut off is left out.
 ///
 /// # Errors
 /// It cannot be read, has other lines, or is of another campaign.
 pub fn read(path: &Path, seed: u64, draw: Draw) -> Result<Vec<Judged>> {
     let name = path.display();
-    let text = match fs::read_to_string(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        text => text.with_context(|| format!("cannot read {name}"))?,
-    };
-    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {name}"))?;
+    let (whole, rest) = text.split_at(text.rfind('\n').map_or(0, |end| end + 1));
+    // A file of something else that has no line is no journal, and must not be cut off.
+    ensure!(
+        rest.starts_with(BEGIN) || BEGIN.starts_with(rest),
+        "{name}: its last line is no run of a campaign"
+    );
     let lines = whole.lines().enumerate();
     lines
         .map(|(line, text)| {
@@ -54,7 +59,7 @@ pub fn read(path: &Path, seed: u64, draw: Draw) -> Result<Vec<Judged>> {
         .collect()
 }
 
-/// Opens a file to append to it, behind its last whole line.
+/// Opens a file to append to it, behind its last whole line. Makes one if there is none.
 ///
 /// # Errors
 /// It cannot be written.
@@ -106,7 +111,7 @@ mod tests {
     fn what_was_written_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("runs.jsonl");
-        assert_eq!(read(&path, 7, Draw::Daily).unwrap(), []);
+        assert!(read(&path, 7, Draw::Daily).is_err(), "there is none");
         write(&mut append(&path).unwrap(), &run(1)).unwrap();
         append(&path)
             .unwrap()
@@ -117,7 +122,11 @@ mod tests {
         assert_eq!(read(&path, 7, Draw::Daily).unwrap(), [run(1), run(2)]);
         let other = read(&path, 8, Draw::Daily).unwrap_err().to_string();
         assert!(other.contains("seed 7"), "{other}");
-        append(&path).unwrap().write_all(b"nothing\n").unwrap();
+        append(&path).unwrap().write_all(b"nothing").unwrap();
+        let other = read(&path, 7, Draw::Daily).unwrap_err().to_string();
+        assert!(other.contains("last line"), "{other}");
+        let mut file = OpenOptions::new().append(true).open(&path).unwrap();
+        file.write_all(b"\n").unwrap();
         let broken = read(&path, 7, Draw::Daily).unwrap_err().to_string();
         assert!(broken.contains("line 3"), "{broken}");
     }

@@ -35,7 +35,7 @@ pub enum Failure {
         camera: u16,
         /// Its error, in the unit of the site.
         error: f64,
-        /// The same in sigmas of the direction in which it errs. None: its place was given.
+        /// The same in sigmas of the direction in which it errs. None: its place was given as exact.
         sigmas: Option<f64>,
     },
     /// The same of a heading: more than five sigmas, and more than two degrees.
@@ -228,14 +228,14 @@ impl Judgement {
 }
 
 /// Distance of a camera's pose from the truth, and the same in predicted sigmas, for the directions in which it was
-/// estimated. The place that was given to a reference has the
-/// sigmas `surveyed`, if any ([`RunRecord::surveyed_sigmas`]).
+/// estimated. The place that was given to a reference has the sigmas `surveyed`, if any
+/// ([`RunRecord::surveyed_sigmas`]).
 pub fn position_error(camera: &Node, surveyed: Option<[f64; 2]>) -> Option<(f64, Option<f64>)> {
     let error = camera.error?;
     let sigmas = match camera.position_fit() {
         Some(fit) => Some(fit.chi_squared.sqrt()),
         None => surveyed.map(|[along, across]| {
-            // No error of a place that was told as exact is one.
+            // Zero over zero, where a sigma of zero was told.
             let share = |error: f64, sigma: f64| if error == 0.0 { 0.0 } else { error / sigma };
             share(error.x, along).hypot(share(error.y, across))
         }),

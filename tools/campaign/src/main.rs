@@ -174,7 +174,9 @@ fn begun(
     numbers: impl Iterator<Item = u64>,
 ) -> anyhow::Result<Vec<u64>> {
     let mut counted = BTreeSet::new();
-    for path in arguments.journal.iter().chain(&arguments.add) {
+    // A campaign begins without a journal; a part that is to be counted is there.
+    let own = arguments.journal.iter().filter(|path| path.exists());
+    for path in own.chain(&arguments.add) {
         for run in journal::read(path, arguments.seed, arguments.draw)? {
             if counted.insert(run.number) {
                 tally.add(&run);
