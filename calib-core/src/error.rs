@@ -2,7 +2,9 @@
 
 use core::fmt;
 
-use crate::{PoseError, Refusal, camera::CameraError};
+use crate::{
+    PoseError, Refusal, camera::CameraError, dead_reckoning::TrackError, joint::JointError,
+};
 
 /// Any error of this crate, for functions that build a camera and solve for its pose.
 ///
@@ -30,6 +32,10 @@ pub enum Error {
     Pose(PoseError),
     /// The question has no answer.
     Refused(Refusal),
+    /// The joint estimation takes no more, or has no answer.
+    Joint(JointError),
+    /// A step cannot be counted.
+    Track(TrackError),
 }
 
 impl fmt::Display for Error {
@@ -38,6 +44,8 @@ impl fmt::Display for Error {
             Self::Camera(error) => error.fmt(f),
             Self::Pose(error) => error.fmt(f),
             Self::Refused(refusal) => refusal.fmt(f),
+            Self::Joint(error) => error.fmt(f),
+            Self::Track(error) => error.fmt(f),
         }
     }
 }
@@ -59,5 +67,17 @@ impl From<PoseError> for Error {
 impl From<Refusal> for Error {
     fn from(refusal: Refusal) -> Self {
         Self::Refused(refusal)
+    }
+}
+
+impl From<JointError> for Error {
+    fn from(error: JointError) -> Self {
+        Self::Joint(error)
+    }
+}
+
+impl From<TrackError> for Error {
+    fn from(error: TrackError) -> Self {
+        Self::Track(error)
     }
 }

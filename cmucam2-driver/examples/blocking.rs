@@ -39,11 +39,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let orange = ColourBounds::new([170, 240, 60, 180, 16, 100])?;
     // One look at the silent line instead of a thousand.
-    let policy = Policy {
-        settle_us: 10_000,
-        poll_us: 10_000,
-        ..Policy::default()
-    };
+    let mut policy = Policy::default();
+    policy.settle_us = 10_000;
+    policy.poll_us = 10_000;
     let camera = Peek::new(uart.clone());
     let mut camera = Cmucam2::with_policy(camera, NoopDelay::new(), policy);
     // In poll mode nothing comes unasked: such a UART has no buffer.

@@ -20,6 +20,7 @@ const LINE_MAX: usize = 1 + 4 * BINS_MAX + 1;
 /// Kind of a stream of packets. It decides the possible values of its numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum PacketKind {
     /// T packets of colour tracking, in pixels.
     Tracking,

@@ -158,10 +158,8 @@ fn cameras(count: u64, seconds: Time, interval: Option<Time>) {
         );
         executor.spawn(async move {
             let mut camera = Cmucam2::new(line.open(Side::Node), clock.clone());
-            let start_up = StartUp {
-                adapt_ms: 2_000,
-                ..StartUp::default()
-            };
+            let mut start_up = StartUp::default();
+            start_up.adapt_ms = 2_000;
             let bounds = ColourBounds::new([170, 240, 60, 180, 16, 100]).expect("in order");
             camera.start_up(start_up).run().await.expect("it starts");
             loop {

@@ -22,6 +22,7 @@ pub const FRAME_MAX: usize = 128;
 /// From the coordinator to the PC.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ToPc {
     /// The network runs; or `None`: the coordinator looks for a free one.
     Network(Option<NetworkInfo>),
@@ -161,6 +162,7 @@ pub struct NetworkInfo {
 /// From the PC to the coordinator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum FromPc {
     /// Tell network, members and reports again.
     Refresh,

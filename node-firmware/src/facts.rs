@@ -76,6 +76,7 @@ pub(crate) const BEARING_RECORDS: u8 = limits::WALK_BEARINGS.div_ceil(BEARINGS_P
 /// One thing to remember. Written again, it replaces the former one under the same key.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Fact {
     /// A camera: its report. `None`: nothing.
     Report(Option<Report>),
@@ -105,6 +106,7 @@ pub enum Fact {
 
 /// Name of a fact: there is one fact for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FactKey {
     /// [`Fact::Report`].
     Report,

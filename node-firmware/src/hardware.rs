@@ -1,26 +1,38 @@
-//! Parts that a board or a simulation gives a node: [`Hardware`] names the drivers, [`Peripherals`] holds
-//! them.
+//! Parts that a board or a simulation gives a node: [`Peripherals`] holds the drivers, [`Hardware`] names their types.
 //!
-//! Steps, lamps and buttons are traits of this module; the other traits are those that drivers have
-//! anyway.
+//! Steps, lamps and buttons are traits of this module; the other traits are those that drivers have anyway. Every node
+//! needs a radio, a clock and a flash ([`Peripherals::new`]). Which of the rest it needs is a matter of its role, and
+//! what is not given is not there:
+//!
+//! | role | uses |
+//! |---|---|
+//! | camera | UART to the camera; lamps and buttons, if there are any |
+//! | coordinator | UART to a PC, lamps and buttons, if there are any |
+//! | target | step sensor; lamps, if there are any |
 
 use core::{
+    convert::Infallible,
     future::{Future, pending},
+    marker::PhantomData,
     ops::Range,
 };
 
 use calib_core::dead_reckoning::Step;
-use embedded_io_async::{Read, Write};
+use embedded_io_async::{ErrorType, Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
 use serde::{Deserialize, Serialize};
-use zigbee_link::{radio::Radio, runner::Clock, wire::ShortAddress};
+use zigbee_link::wire::ShortAddress;
+pub use zigbee_link::{
+    radio::Radio,
+    runner::{Clock, Delay},
+};
 
 use crate::{facts::Fact, message::Message, steps::SensorError};
 
-/// The drivers that a node runs on. Implemented by a type that stands for the board; it needs no value.
+/// The types of the drivers that a node runs on, as one name. [`Parts`] is it for any drivers; a board whose tasks have
+/// to name the type of their [`Peripherals`] implements it for a type that stands for the board and needs no value.
 pub trait Hardware {
-    /// The line to a camera's CMUcam2, or to a coordinator's PC; unused by a target. Reads must be
-    /// cancel-safe.
+    /// The line to a camera, or to a coordinator's PC; [`NoUart`] for none, as of a target. Reads must be cancel-safe.
     type Uart: Read + Write;
     /// The radio for frames of IEEE 802.15.4, on the chip or on a co-processor.
     type Radio: Radio;
@@ -38,7 +50,45 @@ pub trait Hardware {
     type Observer: Observer;
 }
 
-/// The drivers of a [`Hardware`], and values that differ from board to board and from start to start.
+/// The drivers of a node, and values that differ from board to board and from start to start.
+///
+/// A board of one's own gives what its node uses; the rest is not there. Its target, with lamps:
+///
+/// ```
+/// use node_firmware::{
+///     config::CheckedConfig,
+///     embedded_storage_async::nor_flash::NorFlash,
+///     facts,
+///     hardware::{Clock, FlashLayout, Indicator, Peripherals, Radio, StepSensor},
+///     liveness::Liveness,
+///     run::run,
+/// };
+///
+/// async fn target(
+///     config: &CheckedConfig,
+///     radio: impl Radio,
+///     clock: impl Clock,
+///     flash: impl NorFlash,
+///     steps: impl StepSensor,
+///     lamps: impl Indicator,
+///     random: u64,
+///     liveness: &Liveness,
+/// ) {
+///     // The flash has pages of 4 KiB.
+///     let layout = FlashLayout {
+///         link: 0..8192,
+///         facts: 8192..8192 + facts::BYTES,
+///     };
+///     let peripherals = Peripherals::new(radio, clock, flash, layout, random)
+///         .with_steps(steps)
+///         .with_indicator(lamps);
+///     // Only when the radio or the flash fails for good. Then the board restarts.
+///     let _reason = run(config, peripherals, liveness).await;
+/// }
+/// ```
+///
+/// Fields are public so that a board can also write it down as a whole: then a seam more, if one ever comes, is
+/// something that it must decide on.
 pub struct Peripherals<H: Hardware> {
     /// See [`Hardware::Uart`].
     pub uart: H::Uart,
@@ -61,6 +111,120 @@ pub struct Peripherals<H: Hardware> {
     /// Random, another one at each start. A node that remembers nothing draws its extended address from it,
     /// so a value that comes twice may repeat nonces: on a board, 64 bits of a true random number generator.
     pub seed: u64,
+}
+
+/// The [`Hardware`] of any drivers: [`Peripherals::new`] and its like make it, and nothing needs to name it.
+#[allow(clippy::type_complexity, reason = "a parameter for each driver")]
+pub struct Parts<R, C, F, U = NoUart, S = (), I = (), B = (), O = ()>(
+    PhantomData<(R, C, F, U, S, I, B, O)>,
+);
+
+impl<R, C, F, U, S, I, B, O> Hardware for Parts<R, C, F, U, S, I, B, O>
+where
+    R: Radio,
+    C: Clock,
+    F: NorFlash,
+    U: Read + Write,
+    S: StepSensor,
+    I: Indicator,
+    B: Buttons,
+    O: Observer,
+{
+    type Uart = U;
+    type Radio = R;
+    type Clock = C;
+    type Flash = F;
+    type Steps = S;
+    type Indicator = I;
+    type Buttons = B;
+    type Observer = O;
+}
+
+impl<R: Radio, C: Clock, F: NorFlash> Peripherals<Parts<R, C, F>> {
+    /// The drivers that every node needs, and nothing else. See the fields for each.
+    pub fn new(radio: R, clock: C, flash: F, layout: FlashLayout, seed: u64) -> Self {
+        Self {
+            uart: NoUart,
+            radio,
+            clock,
+            flash,
+            layout,
+            steps: (),
+            indicator: (),
+            buttons: (),
+            observer: (),
+            seed,
+        }
+    }
+}
+
+/// A method that replaces one driver, and with it the type of the whole.
+macro_rules! replace {
+    ($(#[$doc:meta])+ $method:ident($field:ident: $($bound:ident)+) -> $parts:ty, keeps $($kept:ident)+) => {
+        $(#[$doc])+
+        pub fn $method<New: $($bound +)+>(self, $field: New) -> Peripherals<$parts> {
+            let Self { radio, clock, flash, layout, seed, $($kept,)+ .. } = self;
+            Peripherals { radio, clock, flash, layout, seed, $($kept,)+ $field }
+        }
+    };
+}
+
+impl<R, C, F, U, S, I, B, O> Peripherals<Parts<R, C, F, U, S, I, B, O>>
+where
+    R: Radio,
+    C: Clock,
+    F: NorFlash,
+    U: Read + Write,
+    S: StepSensor,
+    I: Indicator,
+    B: Buttons,
+    O: Observer,
+{
+    replace! {
+        /// The same with a line to a camera or a PC, see [`Hardware::Uart`].
+        with_uart(uart: Read Write) -> Parts<R, C, F, New, S, I, B, O>, keeps steps indicator buttons observer
+    }
+    replace! {
+        /// The same with a target's step sensor.
+        with_steps(steps: StepSensor) -> Parts<R, C, F, U, New, I, B, O>, keeps uart indicator buttons observer
+    }
+    replace! {
+        /// The same with lamps.
+        with_indicator(indicator: Indicator) -> Parts<R, C, F, U, S, New, B, O>, keeps uart steps buttons observer
+    }
+    replace! {
+        /// The same with buttons.
+        with_buttons(buttons: Buttons) -> Parts<R, C, F, U, S, I, New, O>, keeps uart steps indicator observer
+    }
+    replace! {
+        /// The same with an observer.
+        with_observer(observer: Observer) -> Parts<R, C, F, U, S, I, B, New>, keeps uart steps indicator buttons
+    }
+}
+
+/// No line: a target has none, nor needs a coordinator one that no PC is ever connected to. Nothing is heard on it, and
+/// what is written is lost.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoUart;
+
+impl ErrorType for NoUart {
+    type Error = Infallible;
+}
+
+impl Read for NoUart {
+    async fn read(&mut self, _: &mut [u8]) -> Result<usize, Infallible> {
+        pending().await
+    }
+}
+
+impl Write for NoUart {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
 }
 
 /// Parts of a flash, bytes from its start. Each is an even number of erase units, aligned.
@@ -109,6 +273,7 @@ impl Indicator for () {
 /// State to show to people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Indication {
     /// The node belongs to a network.
     pub joined: bool,

@@ -54,7 +54,11 @@ pub mod run;
 pub mod steps;
 pub mod vision;
 
-pub use {calib_core, heapless, nalgebra, zigbee_link};
+// Crates whose types or traits stand in the public items of this one.
+pub use {
+    calib_core, cmucam2_driver, embedded_hal_async, embedded_io, embedded_io_async,
+    embedded_storage_async, flash_log, heapless, nalgebra, pedestrian, pixy_driver, zigbee_link,
+};
 
 mod arithmetic;
 mod log;

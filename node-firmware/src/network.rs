@@ -113,6 +113,7 @@ pub struct NetworkIdentity {
 /// Event in a network.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum NetworkEvent<Ticket> {
     /// A member sent a message.
     Message(ShortAddress, Message),
@@ -130,6 +131,7 @@ pub enum NetworkEvent<Ticket> {
 /// Reason why a message was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum PostError {
     /// Too many are on their way: try again after the next event.
     Full,

@@ -17,7 +17,7 @@ use zigbee_link::{
     network::{Channels, NetworkSettings, NetworkStatus, Node},
     radio::{Channel, Csma},
     runner::{Clock as _, Happened, Shared, run},
-    security::{Key, Protection},
+    security::Key,
     store::Store,
     wire::{Eui64, ShortAddress},
 };
@@ -42,13 +42,8 @@ async fn node(clock: Clock, medium: Medium, number: u8, work: impl AsyncFnOnce(&
         .expect("the flash is new");
     let saved = store.load().await.expect("it was written");
 
-    let settings = NetworkSettings {
-        extended: own,
-        channels: Channels::only(Channel::FIRST),
-        tx_power: 0,
-        protection: Protection::EncMic64,
-        seed,
-    };
+    let mut settings = NetworkSettings::new(own, seed);
+    settings.channels = Channels::only(Channel::FIRST);
     let node = match number {
         0 => Node::coordinator(settings, &saved, [None; 4]),
         _ => Node::device(clock.now(), settings, &saved),

@@ -70,5 +70,6 @@ mod log;
 mod slots;
 mod time;
 
+pub use flash_log;
 pub use heapless;
 pub use time::Instant;

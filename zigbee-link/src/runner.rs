@@ -77,6 +77,12 @@ impl<R, F> fmt::Display for RunnerError<R, F> {
 
 impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for RunnerError<R, F> {}
 
+impl<R, F> From<StoreError<F>> for RunnerError<R, F> {
+    fn from(error: StoreError<F>) -> Self {
+        Self::Store(error)
+    }
+}
+
 /// Event of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -294,7 +300,7 @@ where
         match action {
             Some(Action::Save(record)) => {
                 if let Err(error) = store.save(record).await {
-                    return RunnerError::Store(error);
+                    return error.into();
                 }
                 shared.node.with(|node| node.saved(record));
             }

@@ -47,7 +47,9 @@ impl Line {
     pub(crate) fn open(mut self, node: &CheckedConfig) -> Uart {
         static BUFFERS: ConstStaticCell<Buffers> =
             ConstStaticCell::new(([0; UART_RECEIVE], [0; UART_SEND]));
-        if let (RoleConfig::Coordinator(_), Some(console)) = (&node.role, self.console.take()) {
+        if let (RoleConfig::Coordinator(_), Some(console)) =
+            (&node.settings().role, self.console.take())
+        {
             self.camera = console;
         }
         Uart {

@@ -163,7 +163,7 @@ impl Lines {
             BaudRate::B57600 => const { Divisor::of(57_600) },
             BaudRate::B115200 => const { Divisor::of(115_200) },
         };
-        let device = match config.role {
+        let device = match config.settings().role {
             RoleConfig::Coordinator(_) => {
                 Uart::open(self.console, self.console_receive, self.console_send, rate)
             }

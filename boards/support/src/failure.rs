@@ -12,12 +12,12 @@ pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {
             StoreError::NotProvisioned => "link: no site key",
             StoreError::Corrupt => "link: damaged",
             StoreError::Full | StoreError::Layout => "link: wrong size",
-            StoreError::Flash(_) | StoreError::Worn => "link: the flash failed",
+            _ => "link: the flash failed",
         },
         Failure::Facts(error) => match error {
             LogError::Corrupt | LogError::NotOpen => "memory: damaged",
             LogError::Full | LogError::Layout => "memory: wrong size",
-            LogError::Flash(_) | LogError::Worn => "memory: the flash failed",
+            _ => "memory: the flash failed",
         },
     }
 }

@@ -111,12 +111,12 @@ mod tests {
         };
         for number in 0..16 {
             let bit = |bit: u32| number >> bit & 1 != 0;
-            lamps.show(Indication {
-                joined: bit(0),
-                target_seen: bit(1),
-                calibrated: bit(2),
-                may_walk: bit(3),
-            });
+            let mut shown = Indication::default();
+            shown.joined = bit(0);
+            shown.target_seen = bit(1);
+            shown.calibrated = bit(2);
+            shown.may_walk = bit(3);
+            lamps.show(shown);
             for (at, pin) in (0..).zip(&pins) {
                 assert_eq!(pin.0.get() == lit, bit(at), "{at} of {number}");
             }

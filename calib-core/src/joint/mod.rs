@@ -208,6 +208,7 @@ const MANY: usize = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Undetermined {
     /// The carrier's scale.
     Scale,
@@ -236,6 +237,7 @@ pub struct Prior<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct JointSettings<T> {
     /// Length that the carrier reads over the true one; its mean is above zero.
     pub scale: Prior<T>,

@@ -90,6 +90,7 @@ pub struct Known<T> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct ReferenceSettings {
     /// From the closed-form candidate to the minimum.
     pub method: Method,

@@ -73,6 +73,7 @@ const SHORTEST: u64 = 500_000;
 /// Knowledge about the objects beforehand. Lengths in the unit of the cameras' places.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Settings<T> {
     /// Speed of their changes of velocity: density of the white noise of acceleration in each direction,
     /// squared length over cubed seconds.

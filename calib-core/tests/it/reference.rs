@@ -348,10 +348,9 @@ fn methods_agree() {
         let scene = scene(seed, 4);
         let stops = scene.measure(0.0, || normal(&mut rng), 0.005, || 0.0, 0.0);
         let solve = |method, iteration_limit| {
-            let settings = ReferenceSettings {
-                method,
-                iteration_limit,
-            };
+            let mut settings = ReferenceSettings::default();
+            settings.method = method;
+            settings.iteration_limit = iteration_limit;
             reference::solve(&stops, &ALL_KNOWN(scene.baseline), &settings)
         };
         let Ok(default) = solve(Method::Levenberg, 50) else {
@@ -619,10 +618,8 @@ fn too_few_steps_do_not_converge() {
     let scene = scene(5, 3);
     let stops = scene.measure(0.0, || 0.5, 0.01, || 0.5, 0.01);
     let with = |iteration_limit| {
-        let settings = ReferenceSettings {
-            iteration_limit,
-            ..ReferenceSettings::default()
-        };
+        let mut settings = ReferenceSettings::default();
+        settings.iteration_limit = iteration_limit;
         reference::solve(&stops, &ALL_KNOWN(scene.baseline), &settings)
     };
     for steps in [0, 1] {

@@ -134,10 +134,9 @@ fn what_stands_still_is_found() {
     let rng = &mut generator(1);
     let cameras = room(rng, 0.0, 0.0);
     let truth = Point2::new(4.0, 6.0);
-    let mut tracker = Tracker::new(Settings {
-        agility: 1e-9,
-        ..Settings::walking()
-    });
+    let mut settings = Settings::walking();
+    settings.agility = 1e-9;
+    let mut tracker = Tracker::new(settings);
     let mut ids = Vec::new();
     for n in 0..400 {
         let at = f64::from(n) * 0.1;
@@ -200,11 +199,9 @@ fn step_matrix(dt: f64) -> Matrix4<f64> {
 /// more.
 #[test]
 fn sigmas_are_honest() {
-    let settings = Settings {
-        agility: 0.05,
-        speed_sigma: 0.5,
-        ..Settings::walking()
-    };
+    let mut settings = Settings::walking();
+    settings.agility = 0.05;
+    settings.speed_sigma = 0.5;
     for (place, turn) in [(0.0, 0.0), (0.03, 0.005), (0.06, 0.015)] {
         let (mut sum, mut count) = (0.0, 0.0);
         for seed in 0..400 {
@@ -514,10 +511,9 @@ fn there_are_four_at_most() {
 fn who_comes_back_waits_for_room() {
     let rng = &mut generator(17);
     let cameras = room(rng, 0.0, 0.0);
-    let mut tracker = Tracker::new(Settings {
-        agility: 0.01,
-        ..Settings::walking()
-    });
+    let mut settings = Settings::walking();
+    settings.agility = 0.01;
+    let mut tracker = Tracker::new(settings);
     // Places, and the times from and to which an object is there. The fourth begins too far from the first to
     // be it.
     let all = [
@@ -747,10 +743,9 @@ fn late_looks_count_for_their_time() {
 fn what_is_not_seen_is_gone() {
     let rng = &mut generator(8);
     let cameras = room(rng, 0.0, 0.0);
-    let mut tracker = Tracker::new(Settings {
-        agility: 0.01,
-        ..Settings::walking()
-    });
+    let mut settings = Settings::walking();
+    settings.agility = 0.01;
+    let mut tracker = Tracker::new(settings);
     for n in 0..60 {
         let at = f64::from(n) * 0.1;
         tracker.take(
@@ -782,12 +777,10 @@ struct Accuracy {
 /// in turn from the cameras that see a person, each of one box.
 fn office(seed: u64, place: f64, turn: f64, all: &mut Accuracy) {
     let rng = &mut generator(seed);
-    let settings = Settings {
-        radius: Some(0.11),
-        // They turn slowly, as the bound must assume too: 0.1 m/s^2 for some seconds.
-        agility: 0.02,
-        ..Settings::walking()
-    };
+    let mut settings = Settings::walking();
+    settings.radius = Some(0.11);
+    // They turn slowly, as the bound must assume too: 0.1 m/s^2 for some seconds.
+    settings.agility = 0.02;
     let cameras: Vec<Station> = (0..20_u16)
         .map(|n| {
             let (x, y) = match n {

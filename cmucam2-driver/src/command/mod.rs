@@ -30,6 +30,7 @@ const LINE_MAX: usize = 2 + 4 * ARGUMENTS_MAX + 1;
 /// Every command of the camera. Its letters are in its description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Command {
     /// A bare carriage return: stops a stream, or shows that the camera is there.
     Idle,
@@ -139,6 +140,7 @@ pub enum Command {
 /// Answer of the camera to a command that it accepts. `ACK` comes first unless said otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Reply {
     /// The prompt follows at once.
     Nothing,

@@ -14,8 +14,8 @@
 //!   `serial::Peek`.
 //!
 //! # Time
-//! The driver needs a [`Clock`] to know how long it has waited, and stamps packets with it. Without
-//! one it counts its own delays ([`SummedDelays`]): slices of at most 10 ms when async, and nothing
+//! The driver needs the time to know how long it has waited, and stamps packets with it: the program's clock, as a
+//! closure ([`Cmucam2::with_clock`]). Without one it counts its own delays ([`SummedDelays`]): slices of at most 10 ms when async, and nothing
 //! between two calls.
 //!
 //! # Streams
@@ -27,10 +27,10 @@
 //! A call that is dropped before its end leaves the camera in a state that the next call clears
 //! up.
 
-mod clock;
 mod commands;
 #[cfg(feature = "full")]
 mod full;
+mod time;
 
 use core::{
     fmt,
@@ -39,9 +39,9 @@ use core::{
     task::Poll,
 };
 
-pub use clock::{Clock, SummedDelays};
 #[cfg(feature = "full")]
 pub use full::Part;
+pub use time::{SummedDelays, TimeSource};
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};
 
@@ -74,7 +74,15 @@ impl<E: fmt::Display> fmt::Display for Error<E> {
     }
 }
 
-impl<E: core::error::Error> core::error::Error for Error<E> {}
+impl<E: core::error::Error> core::error::Error for Error<E> {
+    /// The text holds that of the cause already.
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Uart(error) => error.source(),
+            Self::Closed | Self::Camera(_) => None,
+        }
+    }
+}
 
 impl<E> From<Fault> for Error<E> {
     fn from(fault: Fault) -> Self {
@@ -188,7 +196,7 @@ pub struct Call<'a, U, D, T, K = SummedDelays> {
     convert: Convert<T>,
 }
 
-impl<U, D, T, K: Clock> Call<'_, U, D, T, K>
+impl<U, D, T, K: TimeSource> Call<'_, U, D, T, K>
 where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
@@ -207,7 +215,7 @@ where
     }
 }
 
-impl<U, D, K: Clock> Cmucam2<U, D, K>
+impl<U, D, K: TimeSource> Cmucam2<U, D, K>
 where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
@@ -293,7 +301,7 @@ async fn first<T>(
     .await
 }
 
-async fn send_async<U: embedded_io_async::Write, K: Clock>(
+async fn send_async<U: embedded_io_async::Write, K: TimeSource>(
     uart: &mut U,
     session: &mut Session,
     payload: &[u8],
@@ -313,7 +321,7 @@ async fn send_async<U: embedded_io_async::Write, K: Clock>(
     uart.flush().await.map_err(Error::Uart)
 }
 
-impl<U, D, T, K: Clock> Call<'_, U, D, T, K>
+impl<U, D, T, K: TimeSource> Call<'_, U, D, T, K>
 where
     U: embedded_io::Read + embedded_io::Write + embedded_io::ReadReady,
     D: embedded_hal::delay::DelayNs,

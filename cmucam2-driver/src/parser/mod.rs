@@ -38,6 +38,7 @@ use crate::{
 /// Something that the camera said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Token {
     /// A command was accepted.
     Ack,

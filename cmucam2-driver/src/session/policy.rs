@@ -6,6 +6,7 @@
 /// on; a line that never falls silent is given up after a multiple of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Policy {
     /// Silence after which a command was not heard.
     pub reply_us: u32,

@@ -48,6 +48,7 @@ pub enum Request {
 /// Answer of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Answer {
     /// It carried the command out.
     Done,

@@ -20,6 +20,7 @@ const WINDOW_MARGIN: u8 = 30;
 /// stays the same colour (thesis, Appendix A: "Initialize").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct StartUp {
     /// Time for which the camera adapts, milliseconds.
     pub adapt_ms: u32,
@@ -40,6 +41,7 @@ impl Default for StartUp {
 /// Method of learning the colour of the object in view (thesis, Appendix A: "Object kept").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Learn {
     /// The camera takes the mean of the middle of its window, 30 levels to either side (`TW`), and
     /// is asked for the bounds it chose (`GT`).

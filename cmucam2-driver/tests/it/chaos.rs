@@ -44,9 +44,10 @@ fn request(random: &mut Random) -> Request {
         11 => Request::Start(Command::SendFrame(Some(ColourChannel::Red)).into()),
         12 => Request::Stop,
         13 => Request::Recover,
-        14 => Request::StartUp(StartUp {
-            adapt_ms: 100,
-            ..StartUp::default()
+        14 => Request::StartUp({
+            let mut start_up = StartUp::default();
+            start_up.adapt_ms = 100;
+            start_up
         }),
         15 => Request::Learn {
             how: Learn::TrackWindow,

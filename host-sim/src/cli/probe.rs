@@ -382,10 +382,9 @@ impl<'a> Bench<'a> {
                 "the camera resets and adapts to the light for {} s",
                 self.arguments.settle
             ));
-            let started = self.camera.start_up(StartUp {
-                adapt_ms: (self.arguments.settle * 1e3) as u32,
-                ..StartUp::default()
-            });
+            let mut start_up = StartUp::default();
+            start_up.adapt_ms = (self.arguments.settle * 1e3) as u32;
+            let started = self.camera.start_up(start_up);
             started.wait().map_err(|error| self.failed(error))?;
             adapting.finish_and_clear();
         }

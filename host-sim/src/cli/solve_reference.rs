@@ -103,17 +103,17 @@ enum MethodOption {
 
 impl MethodOption {
     fn settings(self) -> ReferenceSettings {
-        let usual = ReferenceSettings::default();
-        let (method, iteration_limit) = match self {
-            Self::Levenberg => (Method::Levenberg, usual.iteration_limit),
-            Self::GaussNewton => (Method::GaussNewton, usual.iteration_limit),
-            // It creeps along valleys; each step costs microseconds.
-            Self::SteepestDescent => (Method::SteepestDescent, 100_000),
+        let mut settings = ReferenceSettings::default();
+        settings.method = match self {
+            Self::Levenberg => Method::Levenberg,
+            Self::GaussNewton => Method::GaussNewton,
+            Self::SteepestDescent => {
+                // It creeps along valleys; each step costs microseconds.
+                settings.iteration_limit = 100_000;
+                Method::SteepestDescent
+            }
         };
-        ReferenceSettings {
-            method,
-            iteration_limit,
-        }
+        settings
     }
 }
 

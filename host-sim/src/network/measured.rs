@@ -25,7 +25,7 @@ pub(super) fn sightings(
         .collect();
     legs.sort_by_key(|leg| (leg.target, leg.stop));
     let carriers = { network.targets.iter() }.filter_map(|target| {
-        let RoleConfig::Target(config) = &simulation.config(target.id)?.role else {
+        let RoleConfig::Target(config) = &simulation.config(target.id)?.settings().role else {
             return None;
         };
         Some(Carrier {
@@ -36,7 +36,7 @@ pub(super) fn sightings(
         })
     });
     let told = network.targets.iter().find_map(|target| {
-        let RoleConfig::Target(config) = &simulation.config(target.id)?.role else {
+        let RoleConfig::Target(config) = &simulation.config(target.id)?.settings().role else {
             return None;
         };
         Some(config.lens_sigma)

@@ -283,7 +283,7 @@ impl Simulation {
     /// # Errors
     /// There is no such camera, or the port cannot be opened.
     pub fn connect_camera(&mut self, node: u16, path: &str) -> Result<(), ConnectError> {
-        let baud = match self.config(node).map(|config| &config.role) {
+        let baud = match self.config(node).map(|config| &config.settings().role) {
             Some(RoleConfig::Camera(config)) => config.baud,
             _ => return Err(ConnectError::NoCamera(node)),
         };
@@ -301,7 +301,7 @@ impl Simulation {
     /// # Errors
     /// There is no such camera.
     pub fn show_video(&mut self, node: u16, video: Video) -> Result<(), ConnectError> {
-        let has_camera = self.config(node).map(|config| &config.role);
+        let has_camera = self.config(node).map(|config| &config.settings().role);
         match (has_camera, self.node(node)) {
             (Some(RoleConfig::Camera(_)), Some(camera)) => {
                 camera.show(video);

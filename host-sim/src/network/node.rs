@@ -244,7 +244,7 @@ impl Node {
         (line, outlook): (Line, Option<Outlook>),
         root: Root,
     ) -> Rc<Self> {
-        let id = config.id.into();
+        let id = config.settings().id.into();
         let most = simulation.scenario.clock_ppm * 1e3;
         let drift = root.stream("clock", id).random_range(-most..=most);
         let clock = simulation.executor.clock().drifting(drift as i32);
@@ -392,12 +392,12 @@ impl Node {
     }
 
     pub(super) fn id(&self) -> u16 {
-        self.config.id
+        self.config.settings().id
     }
 
     /// Returns true if it is a target.
     pub(super) fn is_target(&self) -> bool {
-        matches!(self.config.role, RoleConfig::Target(_))
+        matches!(self.config.settings().role, RoleConfig::Target(_))
     }
 
     /// The medium, with its counts of this node.
@@ -463,8 +463,8 @@ impl Node {
     /// Writes a line of the log about it.
     pub(super) fn note(&self, what: &str) {
         let mut journal = self.journal.borrow_mut();
-        journal.note(self.config.id, format_args!("{what}"));
-        journal.moment(self.config.id, || Moment::Said(what.to_owned()));
+        journal.note(self.config.settings().id, format_args!("{what}"));
+        journal.moment(self.config.settings().id, || Moment::Said(what.to_owned()));
     }
 
     /// Makes a step. A node that is off misses it.
@@ -478,7 +478,7 @@ impl Node {
         }
         // The body under an emulated sensor moves in any case.
         let is_felt = is_on && !self.has_no_sensor();
-        (self.journal.borrow_mut()).stepped(self.config.id, &step, is_felt);
+        (self.journal.borrow_mut()).stepped(self.config.settings().id, &step, is_felt);
         if is_felt || is_on && self.is_emulated() {
             let _ = self.panel.steps.try_send(Some(step));
         }
@@ -659,7 +659,7 @@ impl Node {
     /// A random number, another one at each start.
     fn next_seed(&self) -> u64 {
         let start = self.starts.replace(self.starts.get() + 1);
-        let id = u64::from(self.config.id);
+        let id = u64::from(self.config.settings().id);
         self.root.seed("node", id << 32 | start)
     }
 
@@ -677,7 +677,7 @@ impl Node {
             seed: self.next_seed(),
         };
         let error = board.run(surroundings).await;
-        (self.journal.borrow_mut()).failed(self.config.id, &error.to_string());
+        (self.journal.borrow_mut()).failed(self.config.settings().id, &error.to_string());
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
@@ -719,9 +719,9 @@ impl Node {
     pub(super) fn read_memory(&self) {
         let memory = self.memory();
         let mut journal = self.journal.borrow_mut();
-        let seen = journal.node(self.config.id).learns_late(&memory);
+        let seen = journal.node(self.config.settings().id).learns_late(&memory);
         for (target, seen) in seen {
-            journal.moment(self.config.id, || Moment::Seen(target, seen));
+            journal.moment(self.config.settings().id, || Moment::Seen(target, seen));
         }
     }
 
@@ -758,7 +758,7 @@ impl Node {
                 indicator: Lamps(self.clone()),
                 buttons: PushButtons(self.clone()),
                 observer: Witness {
-                    id: self.config.id,
+                    id: self.config.settings().id,
                     journal: self.journal.clone(),
                     truth: Box::new(move || node.truth.borrow().as_ref().map(|truth| truth())),
                 },
@@ -779,7 +779,9 @@ impl Node {
                     health_words(&health)
                 }
             };
-            self.journal.borrow_mut().failed(self.config.id, &why);
+            self.journal
+                .borrow_mut()
+                .failed(self.config.settings().id, &why);
             self.clock.sleep(RESTART).await;
         }
     }

@@ -23,7 +23,7 @@ const ANSWER: Time = 10_000_000_000;
 /// Limits that the first camera was told.
 fn limits(simulation: &Simulation) -> Limits {
     let mut cameras = simulation.nodes.iter().filter_map(|node| {
-        let Configured::Camera(camera) = &node.config().role else {
+        let Configured::Camera(camera) = &node.config().settings().role else {
             return None;
         };
         Some(view::limits(camera))

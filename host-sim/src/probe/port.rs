@@ -549,13 +549,11 @@ impl embedded_io::Write for Port {
 /// The camera on an open port. Nothing is sent yet.
 pub fn device(port: Port) -> Device {
     let clock = port.clock();
-    let policy = Policy {
-        reply_us: REPLY_US,
-        drain_us: DRAIN_US,
-        settle_us: SETTLE_US,
-        poll_us: POLL_US,
-        ..Policy::default()
-    };
+    let mut policy = Policy::default();
+    policy.reply_us = REPLY_US;
+    policy.drain_us = DRAIN_US;
+    policy.settle_us = SETTLE_US;
+    policy.poll_us = POLL_US;
     Cmucam2::with_policy(port, clock, policy)
 }
 
@@ -663,12 +661,10 @@ pub fn find_baud_rate(
             if round > 0 {
                 port.leave_raw_modes().map_err(Error::Uart)?;
             }
-            let policy = Policy {
-                poll_us: POLL_US,
-                drain_us: SEARCH_DRAIN_US,
-                retries,
-                ..Policy::default()
-            };
+            let mut policy = Policy::default();
+            policy.poll_us = POLL_US;
+            policy.drain_us = SEARCH_DRAIN_US;
+            policy.retries = retries;
             let clock = port.clock();
             let mut camera = Cmucam2::with_policy(port, clock, policy);
             let answer = camera.set(Command::Idle).wait();

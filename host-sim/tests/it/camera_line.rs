@@ -49,10 +49,8 @@ type Packets = Rc<RefCell<Vec<(Time, Tracking)>>>;
 async fn track(line: Line, clock: Clock, packets: Packets, failures: Rc<Cell<u32>>) {
     let fail = || failures.set(failures.get() + 1);
     let mut camera = Cmucam2::new(line.open(Side::Node), clock.clone());
-    let start_up = StartUp {
-        adapt_ms: 2_000,
-        ..StartUp::default()
-    };
+    let mut start_up = StartUp::default();
+    start_up.adapt_ms = 2_000;
     while camera.start_up(start_up).run().await.is_err() {
         fail();
     }

@@ -71,8 +71,9 @@ pub(crate) fn check_arithmetic(simulation: &Simulation, record: &RunRecord) {
     let mut checked = 0;
     for node in &record.nodes {
         let facts = simulation.memory(node.id);
-        let Some(Configured::Camera(config)) =
-            simulation.config(node.id).map(|config| &config.role)
+        let Some(Configured::Camera(config)) = simulation
+            .config(node.id)
+            .map(|config| &config.settings().role)
         else {
             continue;
         };

@@ -11,7 +11,6 @@ use node_firmware::{
     message::{Duty, Reference, SitePlace},
     vision::{CameraKind, ColourWindow, Lens},
 };
-use zigbee_link::security::Protection;
 
 use super::{
     FIRST_COORDINATOR, Frame,
@@ -196,21 +195,15 @@ impl Maker<'_> {
         let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
         let targets = targets.collect::<Result<Vec<_>, _>>()?;
         let members = cameras.iter().chain(&targets);
-        let mut coordinator = CoordinatorConfig {
-            allow: members
-                .map(|node| node.id)
-                .chain(
-                    self.scenario
-                        .visitors(network)
-                        .iter()
-                        .map(|target| target.id),
-                )
-                .chain(network.allow.iter().copied())
-                .collect(),
-            metres_per_unit: self.scenario.metres_per_unit() as f32,
-            ball_radius: self.scenario.firmware.ball_radius(),
-            ..CoordinatorConfig::default()
-        };
+        let visitors = self.scenario.visitors(network);
+        let mut coordinator = CoordinatorConfig::default();
+        coordinator.allow = members
+            .map(|node| node.settings().id)
+            .chain(visitors.iter().map(|target| target.id))
+            .chain(network.allow.iter().copied())
+            .collect();
+        coordinator.metres_per_unit = self.scenario.metres_per_unit() as f32;
+        coordinator.ball_radius = self.scenario.firmware.ball_radius();
         self.scenario
             .firmware
             .configure_coordinator(&mut coordinator);
@@ -239,14 +232,8 @@ impl Maker<'_> {
         channels: u32,
         role: RoleConfig,
     ) -> Result<CheckedConfig, ScenarioError> {
-        let mut config = Config {
-            id,
-            site_key: self.key,
-            channels,
-            tx_power: 0,
-            protection: Protection::EncMic64,
-            role,
-        };
+        let mut config = Config::new(id, self.key, role);
+        config.channels = channels;
         firmware.configure_node(&mut config);
         config.check().map_err(|reason| {
             self.scenario.located(ScenarioError::Config {
@@ -273,11 +260,11 @@ impl Maker<'_> {
         });
         let mut camera = match table.kind.model() {
             None => CameraConfig::new(table.believed(), subjects),
-            Some(model) => CameraConfig {
-                lens: table.believed(),
-                ..CameraConfig::pixy(model, self.scenario.colours(self.network).len() as u8)
-            },
+            Some(model) => {
+                CameraConfig::pixy(model, self.scenario.colours(self.network).len() as u8)
+            }
         };
+        camera.lens = table.believed();
         camera.baud = table.baud();
         camera.lens_sigma = table.lens_sigma();
         let references = &self.network.references;
@@ -323,17 +310,13 @@ impl Maker<'_> {
         } else {
             colours.iter().position(|(c, _)| *c == table.colour)
         };
-        TargetConfig {
-            lens_sigma: self.scenario.lens_sigma(self.network),
-            survey_sigma: self.scenario.survey_sigma(self.network),
-            colour: colour.unwrap_or(0) as u8,
-            roams: self
-                .scenario
-                .visited_from(self.number.into())
-                .next()
-                .is_some(),
-            ..self.scenario.target_config(table)
-        }
+        let mut visited = self.scenario.visited_from(self.number.into());
+        let mut target = self.scenario.target_config(table);
+        target.lens_sigma = self.scenario.lens_sigma(self.network);
+        target.survey_sigma = self.scenario.survey_sigma(self.network);
+        target.colour = colour.unwrap_or(0) as u8;
+        target.roams = visited.next().is_some();
+        target
     }
 }
 
@@ -363,24 +346,20 @@ impl Scenario {
             let table = self.camera.for_camera(placed);
             table.lens_sigma()
         });
-        sigmas.fold(LensSigma::EXACT, |all, one| LensSigma {
-            focal: all.focal.max(one.focal),
-            principal_deg: all.principal_deg.max(one.principal_deg),
-            tilt_deg: all.tilt_deg.max(one.tilt_deg),
-        })
+        sigmas.fold(LensSigma::EXACT, LensSigma::larger)
     }
 
     fn survey_sigma(&self, network: &NetworkTable) -> SurveySigma {
         let references = &network.references;
-        let measured = SurveySigma::MEASURED;
-        SurveySigma {
-            baseline: references
-                .baseline_sigma
-                .map_or(measured.baseline, |sigma| sigma as f32),
-            position: references
-                .position_sigma
-                .map_or(self.of_metres(measured.position), |s| s as f32),
+        let mut sigma = SurveySigma::MEASURED;
+        sigma.position = self.of_metres(sigma.position);
+        if let Some(told) = references.baseline_sigma {
+            sigma.baseline = told as f32;
         }
+        if let Some(told) = references.position_sigma {
+            sigma.position = told as f32;
+        }
+        sigma
     }
 
     /// A place of the building as people tell it to a target whose steps are not known: in the frame of its network,
@@ -405,11 +384,8 @@ impl Scenario {
     }
 
     pub(crate) fn target_config(&self, table: &TargetTable) -> TargetConfig {
-        let usual = TargetConfig::default();
-        let mut target = TargetConfig {
-            standing_sigma: self.of_metres(usual.standing_sigma),
-            ..usual
-        };
+        let mut target = TargetConfig::default();
+        target.standing_sigma = self.of_metres(target.standing_sigma);
         let own = table.firmware.unwrap_or_default();
         own.over(self.firmware).configure_target(&mut target);
         target

@@ -270,13 +270,15 @@ impl CameraTable {
             Projection::EqualAngle => view,
         } / f64::from(lens.columns.max(2) - 1);
         let principal = self.principal_sigma.unwrap_or(PRINCIPAL_SIGMA) * column;
-        let given = self.field_of_view_sigma.map(|sigma| sigma as f32);
-        LensSigma {
-            focal: given.unwrap_or(LensSigma::UNMEASURED.focal),
-            principal_deg: principal.to_degrees().min(20.0) as f32,
-            tilt_deg: { self.tilt_sigma_deg }
-                .map_or(LensSigma::UNMEASURED.tilt_deg, |sigma| sigma as f32),
+        let mut sigma = LensSigma::UNMEASURED;
+        sigma.principal_deg = principal.to_degrees().min(20.0) as f32;
+        if let Some(told) = self.field_of_view_sigma {
+            sigma.focal = told as f32;
         }
+        if let Some(told) = self.tilt_sigma_deg {
+            sigma.tilt_deg = told as f32;
+        }
+        sigma
     }
 
     /// The real lens's.

@@ -167,6 +167,7 @@ impl<const SLOT: usize> defmt::Format for Entry<SLOT> {
 /// Reason why the log does not serve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum LogError<E> {
     /// The range is not an even number of erase units of the flash, aligned; or slots are no
     /// multiple of its read and write units.

@@ -13,10 +13,9 @@ use node_test::{
 
 fn main() {
     let mut bench = Bench::new(1);
-    let coordinator = bench.coordinator(CoordinatorConfig {
-        join_window_s: 60,
-        ..CoordinatorConfig::default()
-    });
+    let mut coordinator = CoordinatorConfig::default();
+    coordinator.join_window_s = 60;
+    let coordinator = bench.coordinator(coordinator);
     // An emulated CMUcam2 sees an orange ball, as long as the ball is there.
     let (red, green, blue) = ([170, 240], [60, 140], [16, 80]);
     let orange = [ColourWindow { red, green, blue }].into_iter().collect();

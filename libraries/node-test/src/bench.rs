@@ -131,14 +131,10 @@ impl Bench {
         let number = self.nodes;
         self.nodes += 1;
         let antenna = self.medium.attach([number.into(), 0.0]);
-        let config = Config {
-            id: FIRST_NODE + number,
-            site_key: SiteKey::new(1, *b"0123456789abcdef"),
-            channels: 1 << 15,
-            tx_power: 0,
-            protection: Protection::EncMic32,
-            role,
-        };
+        let key = SiteKey::new(1, *b"0123456789abcdef");
+        let mut config = Config::new(FIRST_NODE + number, key, role);
+        config.channels = 1 << 15;
+        config.protection = Protection::EncMic32;
         Board::new(
             config,
             antenna,

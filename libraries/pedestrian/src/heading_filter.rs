@@ -13,6 +13,7 @@ use crate::{ImuSample, InvalidSetting, settings::require};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct HeadingSettings<T> {
     /// The direction of magnetic north in the world, radians counter-clockwise from its x axis;
     /// any finite angle. Default `pi/2`: x points to magnetic east. See [`magnetic_north`].

@@ -25,6 +25,7 @@ const MOST_WAITING: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct PedestrianSettings<T> {
     /// Settings of the detection of steps.
     pub detector: StepDetectorSettings<T>,

@@ -8,6 +8,7 @@ use crate::{InvalidSetting, settings::require};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct StepDetectorSettings<T> {
     /// Corner frequency of the low-pass, Hz, 0.5 to 20. Default 3: steps come at 1.5 to 2.2 a second, the jolt of
     /// the heel and rattling lie above.

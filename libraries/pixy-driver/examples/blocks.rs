@@ -63,8 +63,8 @@ impl Read for Uart {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut camera = Pixy::new(Model::Pixy2, Uart::default(), NoopDelay::new());
     block_on(async {
-        println!("{:?}", camera.version().await?);
-        let block = camera.blocks(Signatures::one(1), 1).await?.next();
+        println!("{:?}", camera.version().run().await?);
+        let block = camera.blocks(Signatures::one(1), 1).run().await?.next();
         let block = block.ok_or("it sees nothing")?;
         println!(
             "{} x {} around {}, {}",

@@ -1,5 +1,9 @@
 //! The camera behind a UART: 8 data bits, no parity, one stop bit, no flow control.
 //!
+//! Every request of [`Pixy`] returns a [`Call`]. It is driven by [`Call::run`] when the UART and the delay are async
+//! ones, by [`Call::wait`] when they block; both only carry bytes and time to and from the [`Session`], where the
+//! dialogue is decided.
+//!
 //! A call that is dropped before its end leaves nothing behind: the next one begins anew. Async: `read`
 //! may be dropped while it waits without losing bytes, as buffered UARTs do. Blocking: `ReadReady`,
 //! because `Read` alone waits for ever.
@@ -7,15 +11,15 @@
 use core::{
     fmt,
     future::{Future, poll_fn},
+    marker::PhantomData,
     pin::{Pin, pin},
     task::Poll,
 };
 
 use crate::{
-    block::Block,
     model::Model,
     packet::{Request, Signatures},
-    session::{Answer, Fault, Policy, Session, Version},
+    session::{Answer, Blocks, Fault, Policy, Session, Version},
 };
 
 /// The longest pause, microseconds: time is counted in these.
@@ -46,7 +50,21 @@ impl<E: fmt::Display> fmt::Display for Error<E> {
     }
 }
 
-impl<E: core::error::Error> core::error::Error for Error<E> {}
+impl<E: core::error::Error> core::error::Error for Error<E> {
+    /// The text holds that of the cause already.
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Uart(error) => error.source(),
+            Self::Closed | Self::Camera(_) => None,
+        }
+    }
+}
+
+impl<E> From<Fault> for Error<E> {
+    fn from(fault: Fault) -> Self {
+        Self::Camera(fault)
+    }
+}
 
 /// A camera of the family on a UART. It counts its own delays, and needs no clock.
 #[derive(Debug)]
@@ -81,6 +99,52 @@ impl<U, D> Pixy<U, D> {
     /// The UART and the delay.
     pub fn release(self) -> (U, D) {
         (self.uart, self.delay)
+    }
+
+    /// The dialogue: the model, and the blobs of the last answer.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Any request to the [session](crate::session), with its answer as it is: where each kind of answer in a program of
+    /// its own would take too much flash.
+    pub fn request(&mut self, request: Request) -> Call<'_, U, D, Answer> {
+        self.call(request)
+    }
+
+    /// Version of the camera. Waits for one that is starting.
+    pub fn version(&mut self) -> Call<'_, U, D, Version> {
+        self.call(Request::Version)
+    }
+
+    /// Columns and rows of the frames in which it finds blobs: 316 and 208.
+    pub fn resolution(&mut self) -> Call<'_, U, D, (u16, u16)> {
+        self.call(Request::Resolution)
+    }
+
+    /// The largest blobs of these signatures in the next frame, the largest first; at most so many.
+    pub fn blocks(&mut self, of: Signatures, most: u8) -> Call<'_, U, D, Blocks<'_>> {
+        self.call(Request::Blocks { of, most })
+    }
+
+    fn call<T>(&mut self, request: Request) -> Call<'_, U, D, T> {
+        Call {
+            camera: self,
+            request,
+            reply: PhantomData,
+        }
+    }
+
+    /// The reply to the request that was driven.
+    fn driven<'a, T: Reply<'a>, E>(
+        &'a mut self,
+        asked: Result<Answer, Error<E>>,
+    ) -> Result<T, Error<E>> {
+        if !matches!(asked, Err(Error::Camera(_)) | Ok(_)) {
+            self.session.line_error();
+        }
+        // The session answers with no other kind than it was asked for.
+        T::of(asked?, &self.session).ok_or(Error::Camera(Fault::Garbled))
     }
 
     /// Longest wait for bytes.
@@ -128,22 +192,77 @@ fn passed(session: &mut Session, now: &mut u64, micros: u32) -> Option<Result<An
     session.outcome()
 }
 
-/// The answer of the kind that was asked for: the session answers with no other.
-fn taken<T, E>(answer: Option<T>) -> Result<T, Error<E>> {
-    answer.ok_or(Error::Camera(Fault::Garbled))
+/// A request to the camera, to be answered by a `T`. Does nothing until it is driven.
+#[must_use = "a call does nothing until it is driven by `run().await` or `wait()`"]
+pub struct Call<'a, U, D, T> {
+    camera: &'a mut Pixy<U, D>,
+    request: Request,
+    reply: PhantomData<fn() -> T>,
 }
 
-fn version(answer: Answer) -> Option<Version> {
-    match answer {
-        Answer::Version(version) => Some(version),
-        _ => None,
+/// Value that a [`Call`] returns, out of an answer. Sealed.
+pub trait Reply<'a>: Sized + sealed::Sealed {
+    /// `None` for an answer of another kind: the session gives none.
+    #[doc(hidden)]
+    fn of(answer: Answer, session: &'a Session) -> Option<Self>;
+}
+
+mod sealed {
+    pub trait Sealed {}
+}
+
+impl sealed::Sealed for Answer {}
+
+impl Reply<'_> for Answer {
+    fn of(answer: Answer, _: &Session) -> Option<Self> {
+        Some(answer)
     }
 }
 
-fn resolution(answer: Answer) -> Option<(u16, u16)> {
-    match answer {
-        Answer::Resolution(columns, rows) => Some((columns, rows)),
-        _ => None,
+impl sealed::Sealed for Version {}
+
+impl Reply<'_> for Version {
+    fn of(answer: Answer, _: &Session) -> Option<Self> {
+        match answer {
+            Answer::Version(version) => Some(version),
+            _ => None,
+        }
+    }
+}
+
+impl sealed::Sealed for (u16, u16) {}
+
+impl Reply<'_> for (u16, u16) {
+    fn of(answer: Answer, _: &Session) -> Option<Self> {
+        match answer {
+            Answer::Resolution(columns, rows) => Some((columns, rows)),
+            _ => None,
+        }
+    }
+}
+
+impl sealed::Sealed for Blocks<'_> {}
+
+impl<'a> Reply<'a> for Blocks<'a> {
+    fn of(_: Answer, session: &'a Session) -> Option<Self> {
+        Some(session.blocks())
+    }
+}
+
+impl<'a, U, D, T: Reply<'a>> Call<'a, U, D, T>
+where
+    U: embedded_io_async::Read + embedded_io_async::Write,
+    D: embedded_hal_async::delay::DelayNs,
+{
+    /// Drives the call over async traits.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn run(self) -> Result<T, Error<U::Error>> {
+        let camera = self.camera;
+        camera.session.begin(self.request, camera.now);
+        let asked = camera.drive().await;
+        camera.driven(asked)
     }
 }
 
@@ -152,48 +271,7 @@ where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
 {
-    /// Version of the camera. Waits for one that is starting.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub async fn version(&mut self) -> Result<Version, Error<U::Error>> {
-        taken(version(self.ask(Request::Version).await?))
-    }
-
-    /// Columns and rows of the frames in which it finds blobs: 316 and 208.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub async fn resolution(&mut self) -> Result<(u16, u16), Error<U::Error>> {
-        taken(resolution(self.ask(Request::Resolution).await?))
-    }
-
-    /// The largest blobs of these signatures in the next frame, the largest first; at most so many.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub async fn blocks(
-        &mut self,
-        of: Signatures,
-        most: u8,
-    ) -> Result<impl Iterator<Item = Block>, Error<U::Error>> {
-        self.ask(Request::Blocks { of, most }).await?;
-        Ok(self.session.blocks())
-    }
-
-    /// Any request.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub async fn ask(&mut self, request: Request) -> Result<Answer, Error<U::Error>> {
-        self.session.begin(request, self.now);
-        let asked = self.drive().await;
-        if !matches!(asked, Err(Error::Camera(_)) | Ok(_)) {
-            self.session.line_error();
-        }
-        asked
-    }
-
+    /// For all kinds of answers, so that an image has it once.
     async fn drive(&mut self) -> Result<Answer, Error<U::Error>> {
         loop {
             if !self.session.pending().is_empty() {
@@ -247,53 +325,28 @@ where
     }
 }
 
+impl<'a, U, D, T: Reply<'a>> Call<'a, U, D, T>
+where
+    U: embedded_io::Read + embedded_io::Write + embedded_io::ReadReady,
+    D: embedded_hal::delay::DelayNs,
+{
+    /// Drives the call, blocking.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn wait(self) -> Result<T, Error<U::Error>> {
+        let camera = self.camera;
+        camera.session.begin(self.request, camera.now);
+        let asked = camera.drive_wait();
+        camera.driven(asked)
+    }
+}
+
 impl<U, D> Pixy<U, D>
 where
     U: embedded_io::Read + embedded_io::Write + embedded_io::ReadReady,
     D: embedded_hal::delay::DelayNs,
 {
-    /// [`Pixy::version`], blocking.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub fn version_wait(&mut self) -> Result<Version, Error<U::Error>> {
-        taken(version(self.ask_wait(Request::Version)?))
-    }
-
-    /// [`Pixy::resolution`], blocking.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub fn resolution_wait(&mut self) -> Result<(u16, u16), Error<U::Error>> {
-        taken(resolution(self.ask_wait(Request::Resolution)?))
-    }
-
-    /// [`Pixy::blocks`], blocking.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub fn blocks_wait(
-        &mut self,
-        of: Signatures,
-        most: u8,
-    ) -> Result<impl Iterator<Item = Block>, Error<U::Error>> {
-        self.ask_wait(Request::Blocks { of, most })?;
-        Ok(self.session.blocks())
-    }
-
-    /// [`Pixy::ask`], blocking.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub fn ask_wait(&mut self, request: Request) -> Result<Answer, Error<U::Error>> {
-        self.session.begin(request, self.now);
-        let asked = self.drive_wait();
-        if !matches!(asked, Err(Error::Camera(_)) | Ok(_)) {
-            self.session.line_error();
-        }
-        asked
-    }
-
     fn drive_wait(&mut self) -> Result<Answer, Error<U::Error>> {
         loop {
             if !self.session.pending().is_empty() {

@@ -24,7 +24,8 @@
 //! (`charmedlabs/pixy2`): types of packets, layouts, errors, and that all it sends over its UART has a
 //! checksum.
 //!
-//! With a blocking HAL the same calls have `_wait` at the end of their names.
+//! Every request returns a [`device::Call`], which does nothing until it is driven: [`run`](device::Call::run)`().await`
+//! over `embedded-io-async`, or [`wait`](device::Call::wait)`()` over `embedded-io`.
 //!
 //! # Features
 //! `defmt` formats the public types.

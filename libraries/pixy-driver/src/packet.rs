@@ -82,6 +82,7 @@ impl Signatures {
 /// Something to be asked of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Request {
     /// Version of the camera.
     Version,
@@ -165,6 +166,7 @@ enum State {
 
 /// Result of a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Heard {
     /// Nothing yet.
     Nothing,

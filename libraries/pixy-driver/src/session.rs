@@ -12,7 +12,7 @@
 //! A camera that [streams](Model::streams) is sent nothing: a request for blocks is answered by its next picture, one
 //! that came whole. At most `KEPT` blobs of it are kept. It takes no other requests.
 
-use core::fmt;
+use core::{fmt, slice};
 
 use heapless::Vec;
 
@@ -36,6 +36,7 @@ const PROGRAM_CHANGING: i8 = -6;
 /// Times in microseconds, and counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Policy {
     /// Silence after which a request was not heard. The camera answers within 0.1 ms.
     pub reply_us: u32,
@@ -64,6 +65,7 @@ impl Default for Policy {
 /// Reason why a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Fault {
     /// No answer.
     Silence,
@@ -118,6 +120,7 @@ pub struct Version {
 /// The answer to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Answer {
     /// To [`Request::Version`].
     Version(Version),
@@ -127,6 +130,22 @@ pub enum Answer {
     Blocks,
     /// To all others: a number.
     Result(i32),
+}
+
+/// The blobs of a frame, the largest first: see [`Session::blocks`].
+#[derive(Clone, Debug)]
+pub struct Blocks<'a> {
+    answered: slice::Iter<'a, [u8; BLOCK_BYTES]>,
+    streamed: slice::Iter<'a, Block>,
+}
+
+impl Iterator for Blocks<'_> {
+    type Item = Block;
+
+    fn next(&mut self) -> Option<Block> {
+        let answered = self.answered.find_map(|block| Block::from_bytes(block));
+        answered.or_else(|| self.streamed.next().copied())
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -284,12 +303,13 @@ impl Session {
     }
 
     /// Blobs of the last [`Answer::Blocks`], the largest first, until the next request.
-    pub fn blocks(&self) -> impl Iterator<Item = Block> {
+    pub fn blocks(&self) -> Blocks<'_> {
         let is_there = self.request.answered_by() == kind::BLOCKS;
         let payload = if is_there { self.parser.payload() } else { &[] };
-        let blocks = payload.as_chunks::<BLOCK_BYTES>().0.iter();
-        let blocks = blocks.filter_map(|block| Block::from_bytes(block));
-        blocks.chain(self.told.iter().copied())
+        Blocks {
+            answered: payload.as_chunks().0.iter(),
+            streamed: self.told.iter(),
+        }
     }
 
     /// Takes one byte. Bytes that come when nothing was asked are dropped, but for those of a stream: whole

@@ -21,6 +21,7 @@ const ZEROS: u8 = 6;
 /// Content of the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Event {
     /// A picture begins.
     Picture,

@@ -77,6 +77,7 @@ impl SpinelHeader {
 /// Parts that are to restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Reset {
     /// The usual parts, by the co-processor's choice.
     Default,

@@ -88,7 +88,15 @@ impl<E: fmt::Display> fmt::Display for RcpError<E> {
     }
 }
 
-impl<E: core::error::Error> core::error::Error for RcpError<E> {}
+impl<E: core::error::Error> core::error::Error for RcpError<E> {
+    /// The text holds that of the cause already.
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Uart(error) => error.source(),
+            Self::Closed | Self::Radio(_) => None,
+        }
+    }
+}
 
 impl<E> From<RcpFault> for RcpError<E> {
     fn from(fault: RcpFault) -> Self {

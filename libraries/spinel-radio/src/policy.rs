@@ -7,6 +7,7 @@ use core::time::Duration;
 /// The defaults serve lines from 115200 baud on, where the longest frame takes 28 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct RcpPolicy {
     /// Silence after which a command was not heard.
     pub answer: Duration,

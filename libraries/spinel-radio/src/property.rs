@@ -97,6 +97,7 @@ pub struct TxReport<'a> {
 /// A property and its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Property<'a> {
     /// [`PropertyKey::LAST_STATUS`]; with a report if it is the result of a transmission.
     LastStatus(SpinelStatus, Option<TxReport<'a>>),

@@ -40,6 +40,7 @@ use crate::vision::{
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Config {
     /// The number by which people know this node.
     pub id: u16,
@@ -55,6 +56,9 @@ pub struct Config {
     /// Role of the node.
     pub role: RoleConfig,
 }
+
+/// The channels that there are.
+pub(crate) const CHANNELS: u32 = 0x07FF_F800;
 
 /// Role of a node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,6 +77,7 @@ pub enum RoleConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct CoordinatorConfig {
     /// Numbers of the nodes that may always join.
     pub allow: Vec<u16, MEMBERS>,
@@ -101,6 +106,7 @@ impl Default for CoordinatorConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct CameraConfig {
     /// Kind of the camera.
     pub kind: CameraKind,
@@ -147,6 +153,7 @@ pub struct CameraConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct LensSigma {
     /// Of the focal length, as a share of it, up to 0.5.
     pub focal: f32,
@@ -171,6 +178,16 @@ impl LensSigma {
         tilt_deg: 2.0,
     };
 
+    /// Each the larger of two.
+    #[must_use]
+    pub fn larger(self, other: Self) -> Self {
+        Self {
+            focal: self.focal.max(other.focal),
+            principal_deg: self.principal_deg.max(other.principal_deg),
+            tilt_deg: self.tilt_deg.max(other.tilt_deg),
+        }
+    }
+
     /// The standard deviations of a bearing's tangent: of its scale, and of what is added to it.
     pub fn of_tangent(&self) -> [f32; 2] {
         [self.focal, self.principal_deg.to_radians()]
@@ -189,6 +206,7 @@ impl LensSigma {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct SurveySigma {
     /// Of their distance, as a share of it, up to 0.5: what a tape is too long or too short.
     pub baseline: f32,
@@ -237,6 +255,7 @@ impl Sigmas {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Subjects {
     /// A colour for each target colour number, from 0.
     Colours(Vec<ColourWindow, COLOURS_MAX>),
@@ -305,6 +324,7 @@ impl Subjects {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct TargetConfig {
     /// Its colour number, below [`COLOURS_MAX`].
     pub colour: u8,
@@ -338,6 +358,7 @@ pub struct TargetConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct SensorConfig {
     /// Excess of the compass reading on each of its axes, uT: the magnetism of the breakout and of its
     /// carrier, worn as it is when walking.
@@ -467,6 +488,18 @@ impl Default for SensorConfig {
 }
 
 impl Config {
+    /// A node on any channel, at 0 dBm, with 64 bits of integrity in each frame. Other values are set in its fields.
+    pub const fn new(id: u16, site_key: SiteKey, role: RoleConfig) -> Self {
+        Self {
+            id,
+            site_key,
+            channels: CHANNELS,
+            tx_power: 0,
+            protection: Protection::EncMic64,
+            role,
+        }
+    }
+
     /// Number of the owner of the facts that the [memory](crate::facts) may hold. It changes with the site,
     /// the node's number and role, and with the parts of a camera's configuration that give its sightings and
     /// its frame their meaning. Facts learnt before such a change would be false after it: addresses are

@@ -54,6 +54,7 @@ pub type MemberAddress = u16;
 /// Contents of one secured frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Message {
     /// A member presents itself to the coordinator, after joining and when asked.
     Hello(Hello),

@@ -91,9 +91,15 @@ impl<R, F> fmt::Display for Failure<R, F> {
 
 impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Failure<R, F> {}
 
+impl<R, F> From<RunnerError<R, F>> for Failure<R, F> {
+    fn from(stopped: RunnerError<R, F>) -> Self {
+        Self::Link(stopped)
+    }
+}
+
 impl<R, F> From<StoreError<F>> for Failure<R, F> {
     fn from(error: StoreError<F>) -> Self {
-        Self::Link(RunnerError::Store(error))
+        Self::Link(error.into())
     }
 }
 
@@ -129,7 +135,7 @@ pub async fn run<H: Hardware>(
     } = peripherals;
     let flash = SharedFlash::new(flash);
 
-    let facts = FactStore::closed(flash.user(), layout.facts, config.owner());
+    let facts = FactStore::closed(flash.user(), layout.facts, config.settings().owner());
     let mut facts = match facts {
         Ok(facts) => facts,
         Err(error) => return error.into(),
@@ -158,15 +164,12 @@ pub async fn run<H: Hardware>(
     .await;
     let (saved, extended) = opened;
 
-    let settings = NetworkSettings {
-        extended,
-        channels: config.channels(),
-        tx_power: config.tx_power,
-        protection: config.protection,
-        seed,
-    };
-    let network = share_node::<H>(&clock, &config.role, settings, &saved, &members);
-    if let RoleConfig::Coordinator(own) = &config.role {
+    let mut settings = NetworkSettings::new(extended, seed);
+    settings.channels = config.channels();
+    settings.tx_power = config.settings().tx_power;
+    settings.protection = config.settings().protection;
+    let network = share_node::<H>(&clock, &config.settings().role, settings, &saved, &members);
+    if let RoleConfig::Coordinator(own) = &config.settings().role {
         for &device in &own.allow {
             let allowed = network.node.with(|node, _| node.allow(device));
             debug_assert!(
@@ -249,7 +252,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         indicator: &mut indicator,
         liveness,
     };
-    match &config.role {
+    match &config.settings().role {
         #[cfg(feature = "coordinator")]
         RoleConfig::Coordinator(own) => {
             Outlined(pin!(coordinator::run(own, services, (uart, buttons)))).await
@@ -257,7 +260,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         #[cfg(feature = "camera")]
         RoleConfig::Camera(own) => {
             Outlined(pin!(camera::run(
-                (config.id, config.optics()),
+                (config.settings().id, config.optics()),
                 own,
                 services,
                 (uart, buttons)
@@ -267,7 +270,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         #[cfg(feature = "target")]
         RoleConfig::Target(own) => {
             Outlined(pin!(moving_target::run(
-                (config.id, seed),
+                (config.settings().id, seed),
                 own,
                 services,
                 steps
@@ -342,7 +345,7 @@ async fn open_store<F: NorFlash>(
     members: &mut [Option<Member>; MEMBERS],
     liveness: &Liveness,
 ) -> (Saved, Eui64) {
-    let drawn = Eui64::of_node(config.id, seed);
+    let drawn = Eui64::of_node(config.settings().id, seed);
     // A read may fail once.
     for _ in 0..ATTEMPTS {
         if let Ok(opened) = try_store((config, drawn), store, facts, members).await {
@@ -352,7 +355,7 @@ async fn open_store<F: NorFlash>(
     warning!("the flash does not serve: the link works from RAM");
     liveness.on_flash_failed();
     // Not the one that may be in the flash by now: the next start may find it there.
-    let drawn = Eui64::of_node(config.id, !seed);
+    let drawn = Eui64::of_node(config.settings().id, !seed);
     let mut saved = Saved::of_new(config.key(), drawn);
     // The site may have another key than its page says.
     if let Ok(read) = store.load().await
@@ -371,7 +374,7 @@ async fn open_store<F: NorFlash>(
     store.abandon();
     *members = [None; MEMBERS];
     // A coordinator forms another network, in which addresses are given anew. Others notice.
-    let is_coordinator = matches!(config.role, RoleConfig::Coordinator(_));
+    let is_coordinator = matches!(config.settings().role, RoleConfig::Coordinator(_));
     if is_coordinator && facts.forget().await.is_err() {
         facts.abandon();
     }
@@ -386,7 +389,7 @@ async fn try_store<F: NorFlash>(
     members: &mut [Option<Member>; MEMBERS],
 ) -> Result<(Saved, Eui64), StoreError<F::Error>> {
     let key = config.key();
-    let is_own = |extended: &Eui64| extended.number() == config.id;
+    let is_own = |extended: &Eui64| extended.number() == config.settings().id;
     let provisioned = match store.load().await {
         Ok(_) if store.first_key().await? == key => None,
         Ok(saved) => Some((saved.extended.filter(is_own), saved.counter_limit)),
@@ -400,7 +403,7 @@ async fn try_store<F: NorFlash>(
     }
     let mut saved = store.load().await?;
     let own = saved.extended.filter(is_own);
-    let is_coordinator = matches!(config.role, RoleConfig::Coordinator(_));
+    let is_coordinator = matches!(config.settings().role, RoleConfig::Coordinator(_));
     let is_void = saved
         .network
         .take_if(|network| own.is_none_or(|own| (network.coordinator == own) != is_coordinator))

@@ -39,7 +39,7 @@ use core::time::Duration;
 use calib_core::dead_reckoning::Step;
 use embedded_hal_async::i2c::{Error, ErrorKind, I2c, Operation};
 use nalgebra::Vector3;
-use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, StepLength};
+use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings};
 use zigbee_link::runner::Clock;
 
 pub use self::fault::{Chip, SensorError, SensorFault};
@@ -73,13 +73,8 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
     /// # Errors
     /// A step length out of its range.
     pub fn new(bus: I, clock: C, config: &SensorConfig) -> Result<Self, InvalidSetting> {
-        let settings = PedestrianSettings {
-            length: StepLength {
-                k: config.step_length,
-                ..StepLength::default()
-            },
-            ..PedestrianSettings::default()
-        };
+        let mut settings = PedestrianSettings::default();
+        settings.length.k = config.step_length;
         Ok(Self {
             bus,
             clock,

@@ -25,7 +25,7 @@
 use cmucam2_driver::{
     Cmucam2, Command, Error, Packet,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
-    device::{Clock, SummedDelays},
+    device::{SummedDelays, TimeSource},
     geometry::{Sensor, Size},
     packet::Tracking,
     session::{Answer, Fault, Learn, Request, StartUp},
@@ -51,6 +51,7 @@ pub const ROWS_PER_COLUMN: f32 = 2.0;
 /// Settings of a CMUcam2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Cmucam2Settings {
     /// Columns of the [lens](super::Lens::columns).
     pub columns: u16,
@@ -129,7 +130,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
     }
 }
 
-impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
+impl<U: Read + Write, D: DelayNs, K: TimeSource> Cmucam2BlobCamera<U, D, K> {
     /// Has the camera carry out a request. Takes notice of a failure, and of a restart that the driver has made up for
     /// on its way.
     async fn ask(&mut self, request: Request) -> Result<Answer, VisionError> {
@@ -187,15 +188,13 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
     }
 }
 
-impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, D, K> {
+impl<U: Read + Write, D: DelayNs, K: TimeSource> BlobCamera for Cmucam2BlobCamera<U, D, K> {
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
         self.frame = self.ask_frame().await?;
-        self.ask(Request::StartUp(StartUp {
-            adapt_ms: self.settings.adapt_ms,
-            ..StartUp::default()
-        }))
-        .await?;
+        let mut start_up = StartUp::default();
+        start_up.adapt_ms = self.settings.adapt_ms;
+        self.ask(Request::StartUp(start_up)).await?;
         self.restarts = Some(self.camera.session().restarts());
         // The settings that a start does not make.
         let needs_high = self.settings.columns >= HIGH_RESOLUTION;

@@ -53,6 +53,7 @@ impl Lens {
 /// Reason why there is no such lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum LensError {
     /// Columns or field of view.
     Camera(CameraError),

@@ -99,7 +99,7 @@ fn failed<E: embedded_io::Error>(error: Error<E>) -> VisionError {
             Fault::Silence => VisionError::Silent,
             Fault::Garbled => VisionError::Garbled,
             Fault::Busy => VisionError::Busy,
-            Fault::Refused(_) | Fault::Unable => VisionError::Refused,
+            _ => VisionError::Refused,
         },
     };
     warning!("camera: {}", error);
@@ -119,7 +119,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
         };
         let mut tries = 0;
         loop {
-            match self.camera.ask(request).await {
+            match self.camera.request(request).run().await {
                 Ok(Answer::Version(_)) => request = Request::Resolution,
                 Ok(Answer::Resolution(columns, _)) if columns != self.columns => {
                     return Err(VisionError::Columns {
@@ -166,7 +166,10 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
     async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
         let of = self.of.ok_or(VisionError::NotBegun)?;
         let model = self.camera.model();
-        let mut blocks = self.camera.blocks(of, 2).await.map_err(failed)?;
+        let request = Request::Blocks { of, most: 2 };
+        let answered = self.camera.request(request).run().await;
+        answered.map_err(failed)?;
+        let mut blocks = self.camera.session().blocks();
         let largest = blocks.next();
         Ok(largest.map(|largest| blob(model, &largest, blocks.next().as_ref())))
     }
@@ -180,7 +183,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
         while self.camera.model().streams() {
             // A camera that is silent, or cannot be understood, has taken its time.
             if !matches!(
-                self.camera.ask(ANYTHING).await,
+                self.camera.request(ANYTHING).run().await,
                 Ok(_) | Err(Error::Camera(_))
             ) {
                 break;

@@ -41,6 +41,7 @@ pub struct LearntColour {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Subject {
     /// Pixels of a colour.
     Colour(ColourWindow),

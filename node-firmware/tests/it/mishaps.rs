@@ -7,7 +7,7 @@ use std::{cell::RefCell, rc::Rc, time::Duration};
 
 use calib_core::{Refusal, Status, dead_reckoning::Track};
 use node_firmware::{
-    config::{CameraConfig, Sigmas, Subjects},
+    config::{Sigmas, Subjects},
     console::{FromPc, ToPc},
     facts::Fact,
     hardware::Button,
@@ -93,9 +93,10 @@ fn references_with_a_wrong_lens_come_to_an_answer() {
 /// says so, whatever its sigmas, to the end.
 #[test]
 fn a_doubtful_camera_is_none_that_is_calibrated() {
-    let config = |n| CameraConfig {
-        stops: SIGHTINGS as u8,
-        ..with_references(n)
+    let config = |n| {
+        let mut camera = with_references(n);
+        camera.stops = SIGHTINGS as u8;
+        camera
     };
     let mut net = Net::new(PERFECT, 16, config);
     while net.reports()[2].sightings < SIGHTINGS as u8 {
@@ -129,9 +130,10 @@ fn a_doubtful_camera_is_none_that_is_calibrated() {
 /// With four sightings, it cannot be told which one is wrong. The fifth one decides.
 #[test]
 fn a_wrong_sighting_is_outvoted_in_the_end() {
-    let config = |n| CameraConfig {
-        stops: 4,
-        ..with_references(n)
+    let config = |n| {
+        let mut camera = with_references(n);
+        camera.stops = 4;
+        camera
     };
     let mut net = Net::new(PERFECT, 17, config);
     let mut statuses = Vec::new();
@@ -163,10 +165,8 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
         covariance: [9e-4, 0.0, 16e-4, 0.0, 0.0, 1e-4],
     };
     let recalled = |state, weak, duty| {
-        let config = CameraConfig {
-            weak,
-            ..camera_config(None)
-        };
+        let mut config = camera_config(None);
+        config.weak = weak;
         let mut camera = camera::CameraRole::new(101, config);
         camera.restore(&Fact::Report(Some(Report {
             id: 101,
@@ -473,15 +473,16 @@ fn what_a_camera_that_does_not_start_is_told_is_not_done_later() {
 fn former_references_have_no_duty() {
     for is_restarted in [false, true] {
         let baseline = (CAMERAS[3].position - CAMERAS[2].position).norm() as f32;
-        let config = |n: usize| CameraConfig {
-            may_be_elected: n < 2,
-            baseline: if n < 2 { Some(10.0) } else { Some(baseline) },
-            ..camera_config(
+        let config = |n: usize| {
+            let mut camera = camera_config(
                 [None, None, Some(Duty::First), Some(Duty::Second)]
                     .get(n)
                     .copied()
                     .flatten(),
-            )
+            );
+            camera.may_be_elected = n < 2;
+            camera.baseline = if n < 2 { Some(10.0) } else { Some(baseline) };
+            camera
         };
         let mut net = Net::new(PERFECT, 17, config);
         for camera in &mut net.cameras[2..4] {

@@ -3,7 +3,7 @@
 
 use crate::support;
 
-use node_firmware::{config::CameraConfig, facts::Fact, message::Message, role::camera};
+use node_firmware::{facts::Fact, message::Message, role::camera};
 use support::{
     bus::PERFECT,
     net::{Net, SECOND, from_to, refining, same, with_references},
@@ -46,9 +46,10 @@ fn restart_all(net: &mut Net) {
 /// The references were elected, and have not solved yet.
 #[test]
 fn references_of_a_former_network_are_none() {
-    let config = |n: usize| CameraConfig {
-        may_be_elected: n < 2,
-        ..camera_config(None)
+    let config = |n: usize| {
+        let mut camera = camera_config(None);
+        camera.may_be_elected = n < 2;
+        camera
     };
     for (seed, is_restarted) in [(1, false), (2, true), (3, false), (4, true)] {
         let mut net = Net::new(PERFECT, seed, config);
@@ -125,10 +126,11 @@ fn poses_outlive_a_network_and_sightings_do_not() {
 /// A camera that triggers where others know their poses would begin a second frame.
 #[test]
 fn nobody_is_elected_where_poses_are_known() {
-    let config = |n: usize| CameraConfig {
-        may_be_elected: true,
-        stops: if n < 2 { 3 } else { 12 },
-        ..camera_config(None)
+    let config = |n: usize| {
+        let mut camera = camera_config(None);
+        camera.may_be_elected = true;
+        camera.stops = if n < 2 { 3 } else { 12 };
+        camera
     };
     let mut net = Net::new(PERFECT, 6, config);
     for camera in &mut net.cameras[2..] {
@@ -189,9 +191,10 @@ fn the_same_network_is_known_again() {
 /// The power fails while the former network is forgotten. Then it is forgotten after the restart.
 #[test]
 fn a_cut_while_a_network_is_forgotten_leaves_nothing() {
-    let config = |n: usize| CameraConfig {
-        stops: 12,
-        ..with_references(n)
+    let config = |n: usize| {
+        let mut camera = with_references(n);
+        camera.stops = 12;
+        camera
     };
     let of_network = |facts: &[Fact]| {
         let of = |fact: &&Fact| {

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use calib_core::{Refusal, Status, dead_reckoning::Step};
 use node_firmware::{
-    config::{CameraConfig, Sigmas, TargetConfig},
+    config::{CameraConfig, Sigmas},
     console::{FromPc, ToPc},
     facts::Fact,
     message::{CameraCommand, CameraState, CoordinateFrame, Duty, Message, Report, Stopped},
@@ -103,9 +103,10 @@ fn errors_are_as_large_as_predicted() {
 /// The first two that see the target become the references; the first one is the origin.
 #[test]
 fn references_are_elected() {
-    let config = |n: usize| CameraConfig {
-        may_be_elected: n < 2,
-        ..camera_config(None)
+    let config = |n: usize| {
+        let mut camera = camera_config(None);
+        camera.may_be_elected = n < 2;
+        camera
     };
     for seed in 0..4 {
         let faults = Faults {
@@ -226,16 +227,17 @@ fn refining_goes_on_until_it_is_good_enough() {
 
 #[test]
 fn a_weak_pose_asks_for_more() {
-    let config = |n| CameraConfig {
-        weak: Sigmas {
+    let config = |n| {
+        let mut camera = with_references(n);
+        camera.weak = Sigmas {
             position: 0.035,
             heading_deg: 5.0,
-        },
-        good_enough: Sigmas {
+        };
+        camera.good_enough = Sigmas {
             position: 0.03,
             heading_deg: 5.0,
-        },
-        ..with_references(n)
+        };
+        camera
     };
     let mut net = Net::new(PERFECT, 6, config);
     net.walk_to(5);
@@ -355,10 +357,8 @@ fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
 /// With a place that cannot be sent there is nothing to tell, and nothing to wait for.
 #[test]
 fn a_target_without_a_place_does_not_spin() {
-    let config = TargetConfig {
-        standing_sigma: 1e20,
-        ..target_config(0)
-    };
+    let mut config = target_config(0);
+    config.standing_sigma = 1e20;
     let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
         move || target_role(TARGET, config, 7),
@@ -536,15 +536,17 @@ fn an_unknown_carrier_is_estimated_with_the_cameras() {
 /// lengths, and all errors have the error of his steps in common.
 #[test]
 fn references_of_an_unknown_distance_are_estimated_with_the_cameras() {
-    let unknown = |n: usize| CameraConfig {
-        baseline: None,
-        reference_stops: 4,
-        ..refining(n)
+    let unknown = |n: usize| {
+        let mut camera = refining(n);
+        camera.baseline = None;
+        camera.reference_stops = 4;
+        camera
     };
-    let elected = |n: usize| CameraConfig {
-        may_be_elected: n < 2,
-        reference: None,
-        ..unknown(n)
+    let elected = |n: usize| {
+        let mut camera = unknown(n);
+        camera.may_be_elected = n < 2;
+        camera.reference = None;
+        camera
     };
     for seed in 0..4 {
         for config in [&unknown as &dyn Fn(usize) -> CameraConfig, &elected] {

@@ -243,10 +243,8 @@ fn a_pose_is_told_to_its_camera_only() {
 /// whatever happened. Where four contradict each other, three of them do not decide.
 #[test]
 fn what_cannot_be_checked_is_no_way_out() {
-    let config = CameraConfig {
-        baseline: None,
-        ..with_references(0)
-    };
+    let mut config = with_references(0);
+    config.baseline = None;
     let mut contradictions = 0;
     for start in 0..STOPS.len() - 3 {
         for pushed in 1..4 {
@@ -459,10 +457,8 @@ fn one_camera_finds_a_target_whose_size_is_known() {
     let camera = &CAMERAS[0];
     for (radius, is_found) in [(0.0, false), (RADIUS, true)] {
         let (mut now, mut air) = (0, Air::new(PERFECT, 1));
-        let config = TargetConfig {
-            ball_radius: radius,
-            ..target_config(0)
-        };
+        let mut config = target_config(0);
+        config.ball_radius = radius;
         let (mut target, stop) = standing(config, &mut now, &mut air);
         let track = Track::start(Point2::origin(), Matrix2::zeros(), Systematic::default());
         target.role.restore(&Fact::Walk(Walk {

@@ -5,7 +5,7 @@ use core::time::Duration;
 use calib_core::dead_reckoning::Step;
 use node_firmware::network::{Attachment, NetworkIdentity};
 use node_firmware::{
-    config::{LensSigma, SensorConfig, SurveySigma, TargetConfig},
+    config::{LensSigma, SurveySigma, TargetConfig},
     message::{CoordinateFrame, Message, Stopped, TargetLocation},
     role::{
         Output, Role,
@@ -24,20 +24,12 @@ struct Carrier {
 
 impl Carrier {
     fn new() -> Self {
-        let config = TargetConfig {
-            lens_sigma: LensSigma::EXACT,
-            survey_sigma: SurveySigma::EXACT,
-            colour: 0,
-            still_after_ms: 1_500,
-            systematic_heading_deg: 3.0,
-            systematic_scale: OWN_SCALE,
-            standing_sigma: 0.0,
-            ball_radius: 0.0,
-            dwell_least_ms: 2_000,
-            dwell_most_ms: 60_000,
-            roams: false,
-            sensor: SensorConfig::UNCALIBRATED,
-        };
+        let mut config = TargetConfig::default();
+        config.lens_sigma = LensSigma::EXACT;
+        config.survey_sigma = SurveySigma::EXACT;
+        config.systematic_scale = OWN_SCALE;
+        config.standing_sigma = 0.0;
+        config.dwell_most_ms = 60_000;
         let mut carrier = Self {
             now: Instant(0),
             target: TargetRole::new(10, config, 7),

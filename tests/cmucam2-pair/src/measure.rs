@@ -162,10 +162,8 @@ pub fn corruption(share: f64, strict: bool, packets: u32, seed: u64) -> Corrupti
         watched: true,
         ..Configuration::default()
     };
-    let policy = Policy {
-        strict,
-        ..Policy::default()
-    };
+    let mut policy = Policy::default();
+    policy.strict = strict;
     let mut link = link(configuration, moving_ball(), policy);
     let mut counts = Corruption::default();
     let mut sent: Vec<(Time, Vec<u8>)> = Vec::new();

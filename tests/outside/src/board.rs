@@ -122,19 +122,8 @@ impl Indicator for Lamp {
     fn show(&mut self, _: Indication) {}
 }
 
-/// Stands for the board.
+/// Stands for the board: its drivers are named nowhere.
 pub struct Board;
-
-impl Hardware for Board {
-    type Uart = Uart;
-    type Radio = Transceiver;
-    type Clock = Ticks;
-    type Flash = Flash;
-    type Steps = ();
-    type Indicator = Lamp;
-    type Buttons = ();
-    type Observer = ();
-}
 
 impl Board {
     const LAYOUT: FlashLayout = FlashLayout {
@@ -143,18 +132,9 @@ impl Board {
     };
 
     /// All parts, with what a random number generator gave at this start.
-    pub fn peripherals(seed: u64) -> Peripherals<Self> {
-        Peripherals {
-            uart: Uart,
-            radio: Transceiver,
-            clock: Ticks,
-            flash: Flash,
-            layout: Self::LAYOUT,
-            steps: (),
-            indicator: Lamp,
-            buttons: (),
-            observer: (),
-            seed,
-        }
+    pub fn peripherals(seed: u64) -> Peripherals<impl Hardware> {
+        Peripherals::new(Transceiver, Ticks, Flash, Self::LAYOUT, seed)
+            .with_uart(Uart)
+            .with_indicator(Lamp)
     }
 }

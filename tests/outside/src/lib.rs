@@ -4,12 +4,17 @@
 
 pub mod board;
 
-use board::{Board, Flash, Ticks, Uart};
+use board::{Flash, Ticks, Uart};
 use calib_core::{Sighting, camera::Camera, nalgebra::Point2, resection};
 use cmucam2_driver::{Cmucam2, colour::ColourBounds, session::Policy};
 use core::time::Duration;
 use flash_log::{Entry, Log, LogError};
-use node_firmware::{config::CheckedConfig, hardware::Peripherals, liveness::Liveness, run::run};
+use node_firmware::{
+    config::CheckedConfig,
+    hardware::{Hardware, Peripherals},
+    liveness::Liveness,
+    run::run,
+};
 use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, nalgebra::Vector3};
 use pixy_driver::{Model, Pixy, packet::Signatures};
 use spinel_radio::SpinelRadio;
@@ -46,7 +51,7 @@ pub async fn orange(uart: Uart) -> Option<u8> {
 /// The column in which a Pixy2 sees its first signature.
 pub async fn signature(uart: Uart) -> Option<u16> {
     let mut camera = Pixy::new(Model::Pixy2, uart, Delay(Ticks));
-    let mut blocks = camera.blocks(Signatures::one(1), 1).await.ok()?;
+    let mut blocks = camera.blocks(Signatures::one(1), 1).run().await.ok()?;
     blocks.next().map(|block| block.x)
 }
 
@@ -91,6 +96,10 @@ pub async fn hear(uart: Uart, config: &RadioConfig) -> Option<usize> {
 }
 
 /// A whole node, until it cannot go on.
-pub async fn node(config: &CheckedConfig, peripherals: Peripherals<Board>, liveness: &Liveness) {
+pub async fn node(
+    config: &CheckedConfig,
+    peripherals: Peripherals<impl Hardware>,
+    liveness: &Liveness,
+) {
     run(config, peripherals, liveness).await;
 }

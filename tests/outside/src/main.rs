@@ -9,7 +9,6 @@ use node_firmware::{
     vision::{ColourWindow, Lens},
 };
 use outside::board::Board;
-use zigbee_link::security::Protection;
 
 /// The settings of the node. A board reads them from a page of its flash.
 fn config() -> Config {
@@ -19,14 +18,8 @@ fn config() -> Config {
         blue: [16, 80],
     };
     let subjects = Subjects::Colours([orange].into_iter().collect());
-    Config {
-        id: 7,
-        site_key: SiteKey::new(1, *b"0123456789abcdef"),
-        channels: 1 << 15,
-        tx_power: 0,
-        protection: Protection::EncMic64,
-        role: RoleConfig::Camera(CameraConfig::new(Lens::pin_hole(88, 45.0), subjects)),
-    }
+    let role = RoleConfig::Camera(CameraConfig::new(Lens::pin_hole(88, 45.0), subjects));
+    Config::new(7, SiteKey::new(1, *b"0123456789abcdef"), role)
 }
 
 fn main() {

@@ -6,7 +6,7 @@ use embassy_futures::select::select;
 use zigbee_link::{
     Instant,
     link::Link,
-    network::{Channels, NetworkSettings, NetworkStatus, Node},
+    network::{NetworkSettings, NetworkStatus, Node},
     radio::{FRAME_MAX, PSDU_MAX, Radio},
     runner::{Clock, Shared, run},
     security::{Counter, FrameSecurity, Key, Protection},
@@ -109,13 +109,9 @@ pub async fn store() {
 }
 
 fn settings() -> NetworkSettings {
-    NetworkSettings {
-        extended: Eui64(black_box([2; 8])),
-        channels: Channels::ALL,
-        tx_power: 0,
-        protection: protection(),
-        seed: black_box(1),
-    }
+    let mut settings = NetworkSettings::new(Eui64(black_box([2; 8])), black_box(1));
+    settings.protection = protection();
+    settings
 }
 
 /// Runs a node, and answers every message with itself.

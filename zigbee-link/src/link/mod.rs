@@ -102,6 +102,7 @@ const REPLIES: usize = 8;
 /// Counts of a [`Link`] since its start. Counters stay at their maximum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Counts {
     /// Frames that were not authentic, not new, or no frames.
     pub refused: u32,
@@ -136,6 +137,7 @@ pub struct Incoming {
 /// Meaning of a received frame beyond messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum LinkEvent {
     /// At most a message, or a reply that is queued: nothing for the layer above.
     Nothing,
@@ -158,6 +160,7 @@ pub enum LinkEvent {
 /// Effort made for a message to one member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Effort {
     /// It is repeated until the member acknowledges it.
     Acknowledged,

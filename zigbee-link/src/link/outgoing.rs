@@ -28,6 +28,7 @@ pub struct Ticket(pub(super) u16);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
+#[non_exhaustive]
 pub enum Delivery {
     /// The receiver has it, and said so.
     Delivered,
@@ -40,6 +41,7 @@ pub enum Delivery {
 /// Reason why a message was not taken for sending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum SendError {
     /// The node belongs to no network.
     NotJoined,

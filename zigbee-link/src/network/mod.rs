@@ -79,6 +79,7 @@ const EVERYBODY: Panned = Panned::new(PanId::BROADCAST, Address::Short(ShortAddr
 /// Settings of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct NetworkSettings {
     /// The own extended address.
     pub extended: Eui64,
@@ -90,6 +91,19 @@ pub struct NetworkSettings {
     pub protection: Protection,
     /// Spreads waiting times and chooses PAN identifiers; should differ between nodes and restarts.
     pub seed: u64,
+}
+
+impl NetworkSettings {
+    /// A node on any channel, at 0 dBm, with 64 bits of integrity in each frame. Other values are set in the fields.
+    pub const fn new(extended: Eui64, seed: u64) -> Self {
+        Self {
+            extended,
+            channels: Channels::ALL,
+            tx_power: 0,
+            protection: Protection::EncMic64,
+            seed,
+        }
+    }
 }
 
 /// Something to do, in this order, before anything else is asked.
@@ -108,6 +122,7 @@ pub enum Action {
 /// State of a node in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum NetworkStatus {
     /// It belongs to no network and looks for none.
     Out,

@@ -12,6 +12,7 @@ pub struct Checksum<R>(R);
 /// Reason why such a radio does not work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ChecksumError<E> {
     /// The frame is longer than [`FRAME_MAX`].
     TooLong,

@@ -176,6 +176,7 @@ pub struct RadioConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
+#[non_exhaustive]
 pub enum TxOutcome {
     /// The frame was on the air. Only the layers above know which nodes heard it.
     Sent,

@@ -19,6 +19,7 @@ pub struct Counter {
 /// Reason why there is no counter for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum CounterError {
     /// The store has not yet written down the next reservation.
     NotReserved,

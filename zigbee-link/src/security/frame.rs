@@ -156,6 +156,7 @@ impl core::error::Error for Refused {}
 /// Reason why a frame could not be secured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum SealError {
     /// No frame counter.
     Counter(CounterError),

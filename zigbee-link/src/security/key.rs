@@ -106,6 +106,7 @@ enum Other {
 /// Reason why a key change was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum RotationError {
     /// The key in use has this index already.
     SameIndex,

@@ -154,6 +154,7 @@ impl Saved {
 /// Reason why the store does not serve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum StoreError<E> {
     /// The range is not an even number of erase units of the flash, aligned; or the flash's units
     /// do not fit slots of 32 bytes.
@@ -191,10 +192,11 @@ impl<E> From<LogError<E>> for StoreError<E> {
         match error {
             LogError::Layout => Self::Layout,
             LogError::NotOpen => Self::NotProvisioned,
-            LogError::Corrupt => Self::Corrupt,
             LogError::Full => Self::Full,
             LogError::Flash(error) => Self::Flash(error),
             LogError::Worn => Self::Worn,
+            // With a log that fails in any other way no node goes on, either.
+            _ => Self::Corrupt,
         }
     }
 }

@@ -225,12 +225,10 @@ fn what_is_not_a_measurement_is_not_taken() {
             Some(JointError::NotFinite)
         );
     }
-    let unsure = JointSettings {
-        scale: Prior {
-            mean: 1.0,
-            sigma: 0.0,
-        },
-        ..settings
+    let mut unsure = settings;
+    unsure.scale = Prior {
+        mean: 1.0,
+        sigma: 0.0,
     };
     assert_eq!(
         Joint::new(memory::<f64>(2, 1, 1, 0), 1.0, unsure).err(),

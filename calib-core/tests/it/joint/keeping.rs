@@ -203,18 +203,16 @@ fn a_walk_is_taken_up_again() {
         joint.remove_stop(7, |_| {}).unwrap();
         joint.solve().unwrap();
 
-        let settings = JointSettings {
-            scale: Prior {
-                mean: 1.0,
-                sigma: walk.errors.scale,
-            },
-            compass: Prior {
-                mean: 0.0,
-                sigma: walk.errors.compass,
-            },
-            limits: WIDE,
-            ..JointSettings::default()
+        let mut settings = JointSettings::default();
+        settings.scale = Prior {
+            mean: 1.0,
+            sigma: walk.errors.scale,
         };
+        settings.compass = Prior {
+            mean: 0.0,
+            sigma: walk.errors.compass,
+        };
+        settings.limits = WIDE;
         let mut restored =
             Joint::new(memory(CAMERAS, 64, 800, 0), walk.cameras[1].x, settings).unwrap();
         let tags: Vec<_> = joint.tags().collect();

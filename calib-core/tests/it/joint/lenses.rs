@@ -156,9 +156,10 @@ fn lenses_take_room() {
         ..memory(3, 4, 8, 0)
     };
     let wide = || memory::<f64>(3, 4, 8, 0);
-    let with = |lens| JointSettings {
-        lens,
-        ..JointSettings::default()
+    let with = |lens| {
+        let mut settings = JointSettings::default();
+        settings.lens = lens;
+        settings
     };
     assert_eq!(
         Joint::new(narrow(), 1.0, with(Some(0.02))).err(),

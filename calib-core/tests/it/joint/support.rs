@@ -65,24 +65,23 @@ pub(crate) fn filled_with<T: Real>(
     limits: Limits<f64>,
     [told, right]: [f64; 2],
 ) -> Joint<T> {
-    let settings = JointSettings {
-        scale: Prior {
-            mean: T::one(),
-            sigma: number(walk.errors.scale),
-        },
-        compass: Prior {
-            mean: T::zero(),
-            sigma: number(walk.errors.compass),
-        },
-        standing: T::zero(),
-        tilt: number(0.0),
-        lens: (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma)),
-        principal: (walk.principal_sigma > 0.0).then(|| number(walk.principal_sigma)),
-        is_baseline_known: told == right,
-        limits: Limits {
-            position: number(limits.position),
-            heading: number(limits.heading),
-        },
+    let mut settings = JointSettings::default();
+    settings.scale = Prior {
+        mean: T::one(),
+        sigma: number(walk.errors.scale),
+    };
+    settings.compass = Prior {
+        mean: T::zero(),
+        sigma: number(walk.errors.compass),
+    };
+    settings.standing = T::zero();
+    settings.tilt = number(0.0);
+    settings.lens = (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma));
+    settings.principal = (walk.principal_sigma > 0.0).then(|| number(walk.principal_sigma));
+    settings.is_baseline_known = told == right;
+    settings.limits = Limits {
+        position: number(limits.position),
+        heading: number(limits.heading),
     };
     let mut joint = Joint::new(memory(CAMERAS, 64, 800, MARKS), number(told), settings).unwrap();
     for stop in 0..walk.places.len() {

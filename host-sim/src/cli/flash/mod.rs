@@ -127,7 +127,7 @@ impl Arguments {
                 .check()?;
         }
         if let Some(page) = &page {
-            tell(node::text(&page.config)?.trim_end());
+            tell(node::text(page.config.settings())?.trim_end());
         }
         let path = page.as_ref().map(|page| page.path.as_path());
         let commands = self.commands(sh, &image, path, &beside);
@@ -144,7 +144,7 @@ impl Arguments {
             return Ok(());
         }
         if let Some(page) = page {
-            self.compare(sh, &page.config)?;
+            self.compare(sh, page.config.settings())?;
         }
         if self.erase_memory {
             let (_, bytes) = self.board.memory();
@@ -194,7 +194,7 @@ impl Arguments {
             )
         })?;
         if let Some(page) = page {
-            tell(node::text(&page.config)?.trim_end());
+            tell(node::text(page.config.settings())?.trim_end());
         }
         match (&self.file, loader) {
             (Some(path), _) => {
@@ -209,7 +209,7 @@ impl Arguments {
             (None, Loader::Uf2 { .. }) => {
                 let volume = Volume::wait_for(self.board, self.volume.as_deref())?;
                 if let Some(page) = page.filter(|_| !self.erase_memory) {
-                    compare(&volume.page()?, &page.config)?;
+                    compare(&volume.page()?, page.config.settings())?;
                 }
                 volume.write(&file)
             }
@@ -333,7 +333,7 @@ impl Arguments {
 /// memory.
 fn compare(bytes: &[u8], new: &Config) -> Result<()> {
     let old = match page::decode(bytes) {
-        Ok(old) => old,
+        Ok(old) => old.settings().clone(),
         Err(PageError::Blank) => return Ok(()),
         Err(error) => bail!(
             "the board has a page that cannot be compared with this one ({error}), and nothing \

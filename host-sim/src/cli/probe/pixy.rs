@@ -37,13 +37,13 @@ use super::{
 const RATES: [u32; 5] = [19_200, 115_200, 57_600, 38_400, 230_400];
 
 /// An adapter on USB holds bytes back. So does a busy computer, where the camera is another program on it.
-const PATIENT: Policy = Policy {
-    reply_us: 500_000,
-    pause_us: 2_000,
-    busy_us: 5_000_000,
-    retries: 4,
-    poll_us: 500,
-};
+fn patient() -> Policy {
+    let mut policy = Policy::default();
+    policy.reply_us = 500_000;
+    policy.retries = 4;
+    policy.poll_us = 500;
+    policy
+}
 
 /// A line of what is seen.
 #[derive(Serialize)]
@@ -77,7 +77,7 @@ impl Bench<'_> {
             Model::OpenMvTags => Signatures::tag(self.arguments.tag),
             _ => Signatures::one(self.arguments.signature),
         };
-        let blocks = self.camera.blocks_wait(of, 2);
+        let blocks = self.camera.blocks(of, 2).wait();
         let path = self.arguments.line();
         Ok(blocks.map_err(|error| failed(path, error))?.collect())
     }
@@ -165,8 +165,8 @@ pub(super) fn run(
             name(model)
         ));
     } else {
-        let version = camera.version_wait().map_err(refused)?;
-        let (columns, rows) = camera.resolution_wait().map_err(refused)?;
+        let version = camera.version().wait().map_err(refused)?;
+        let (columns, rows) = camera.resolution().wait().map_err(refused)?;
         tell(format_args!(
             "{path}: a Pixy2 at {rate} baud, firmware {}.{}.{}, blobs in {columns} x {rows}",
             version.major, version.minor, version.build
@@ -286,19 +286,20 @@ fn connect(
         for &rate in &rates {
             let port = arguments.open(rate, person)?;
             let (clock, heard) = (port.clock(), port.heard());
-            let policy = if round == 0 {
+            let mut policy = if round == 0 {
                 Policy::default()
             } else {
-                PATIENT
+                patient()
             };
             // A stream is waited for long enough each time.
-            let retries = if model.streams() { 0 } else { policy.retries };
-            let policy = Policy { retries, ..policy };
+            if model.streams() {
+                policy.retries = 0;
+            }
             let mut camera = Pixy::with_policy(model, port, clock.clone(), policy);
-            match camera.ask_wait(first) {
+            match camera.request(first).wait() {
                 Ok(_) => {
                     let (port, delay) = camera.release();
-                    let camera = Pixy::with_policy(model, port, delay, PATIENT);
+                    let camera = Pixy::with_policy(model, port, delay, patient());
                     return Ok((camera, clock, rate));
                 }
                 Err(Error::Camera(Fault::Silence | Fault::Garbled)) => {

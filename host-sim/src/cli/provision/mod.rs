@@ -51,7 +51,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
     if let Some(path) = &arguments.show {
         let config = read_page(path)?;
-        print(&node::text(&config)?)?;
+        print(&node::text(config.settings())?)?;
         return Ok(ExitCode::SUCCESS);
     }
     match &arguments.site {
@@ -142,14 +142,17 @@ impl Arguments {
         let name = file_name(path);
         let length =
             page_file::write(path, config, self.overwrite).with_context(|| name.clone())?;
-        let (role, id) = (RoleName::from(&config.role), config.id);
+        let (role, id) = (
+            RoleName::from(&config.settings().role),
+            config.settings().id,
+        );
         print(&format!("{name}: {role} {id}, {length} bytes\n"))?;
         Ok(())
     }
 
     /// Tells what a node needs besides its page.
     fn warn(&self, config: &CheckedConfig) {
-        match &config.role {
+        match &config.settings().role {
             RoleConfig::Coordinator(coordinator)
                 if coordinator.allow.is_empty() && coordinator.join_window_s == 0 =>
             {
@@ -162,7 +165,7 @@ impl Arguments {
                 };
                 tell(format_args!(
                     "Without {what} the compass of target {} shows no direction on a real board.",
-                    config.id
+                    config.settings().id
                 ));
             }
             _ => {}
@@ -214,5 +217,5 @@ fn read_table(path: &Path) -> Result<Table> {
 }
 
 fn default_name(config: &CheckedConfig) -> String {
-    format!("node-{}.page.bin", config.id)
+    format!("node-{}.page.bin", config.settings().id)
 }

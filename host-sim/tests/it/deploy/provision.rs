@@ -5,8 +5,8 @@ use std::{fs, os::unix::fs::PermissionsExt, path::Path};
 use super::place::{CARRIER, Place};
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, Sigmas, SiteKey,
-        Subjects, TargetConfig, page,
+        CameraConfig, Config, CoordinatorConfig, RoleConfig, Sigmas, SiteKey, Subjects,
+        TargetConfig, page,
     },
     message::{Duty, Reference},
     vision::{ColourWindow, Lens},
@@ -18,7 +18,8 @@ const KEY: &str = "--site-key=site.sitekey";
 const ALL_CHANNELS: u32 = 0x07FF_F800;
 
 fn decode(place: &Place, name: &str) -> Config {
-    Config::clone(&page::decode(&fs::read(place.path(name)).unwrap()).unwrap())
+    let page = page::decode(&fs::read(place.path(name)).unwrap()).unwrap();
+    page.settings().clone()
 }
 
 fn mode(path: &Path) -> u32 {
@@ -105,26 +106,18 @@ fn options_make_a_page() {
         green: [n + 2, n + 3],
         blue: [n + 4, n + 5],
     };
-    let expected = Config {
-        id: 3,
-        site_key: place.key(),
-        channels: 1 << 11 | 1 << 26,
-        tx_power: -4,
-        protection: Protection::EncMic64,
-        role: RoleConfig::Camera(CameraConfig {
-            baud: 115_200,
-            reference: Some(Reference {
-                duty: Duty::Second,
-                position: Some([-1.5, 2.0]),
-            }),
-            baseline: Some(4.0),
-            stops: 5,
-            ..CameraConfig::new(
-                Lens::pin_hole(160, 50.0),
-                Subjects::Colours([window(1), window(17)].into_iter().collect()),
-            )
-        }),
-    };
+    let subjects = Subjects::Colours([window(1), window(17)].into_iter().collect());
+    let mut camera = CameraConfig::new(Lens::pin_hole(160, 50.0), subjects);
+    camera.baud = 115_200;
+    camera.reference = Some(Reference {
+        duty: Duty::Second,
+        position: Some([-1.5, 2.0]),
+    });
+    camera.baseline = Some(4.0);
+    camera.stops = 5;
+    let mut expected = Config::new(3, place.key(), RoleConfig::Camera(camera));
+    expected.channels = 1 << 11 | 1 << 26;
+    expected.tx_power = -4;
     assert_eq!(decode(&place, "page.bin"), expected);
     let page = fs::read(place.path("page.bin")).unwrap();
     assert_eq!(page.len(), page::PAGE_MAX);
@@ -150,10 +143,8 @@ fn a_node_with_a_pixy2() {
         CameraConfig::pixy(Model::Pixy2, 1)
     );
     make(&["--signatures=2", "--baud=115200"]).ok();
-    let expected = CameraConfig {
-        baud: 115_200,
-        ..CameraConfig::pixy(Model::Pixy2, 2)
-    };
+    let mut expected = CameraConfig::pixy(Model::Pixy2, 2);
+    expected.baud = 115_200;
     assert_eq!(camera(decode(&place, "page.bin")), expected);
     make(&["--columns=88"]).fails("a Pixy2 has 316");
     make(&["--motion=12"]).fails("only a Pixy2");
@@ -205,29 +196,19 @@ fn every_role_has_usual_values() {
         (usual.systematic_heading_deg, usual.systematic_scale),
         (3.0, 0.08)
     );
-    assert_eq!(
-        target.role,
-        RoleConfig::Target(TargetConfig {
-            colour: 1,
-            ..TargetConfig::default()
-        })
-    );
+    let mut expected = usual;
+    expected.colour = 1;
+    assert_eq!(target.role, RoleConfig::Target(expected));
     let worn = make(
         "target",
         "--hard-iron=12.5,-40,3 --step-length=0.5 --systematic-heading=3 --systematic-scale=0.03",
     );
-    assert_eq!(
-        worn.role,
-        RoleConfig::Target(TargetConfig {
-            systematic_heading_deg: 3.0,
-            systematic_scale: 0.03,
-            sensor: SensorConfig {
-                hard_iron: [12.5, -40.0, 3.0],
-                step_length: 0.5,
-            },
-            ..TargetConfig::default()
-        })
-    );
+    let mut expected = usual;
+    expected.systematic_heading_deg = 3.0;
+    expected.systematic_scale = 0.03;
+    expected.sensor.hard_iron = [12.5, -40.0, 3.0];
+    expected.sensor.step_length = 0.5;
+    assert_eq!(worn.role, RoleConfig::Target(expected));
     let half = make(
         "target",
         &format!("--step-length=0.5 {}", CARRIER.join(" ")),
@@ -237,14 +218,9 @@ fn every_role_has_usual_values() {
     };
     assert_eq!(half.sensor.hard_iron, [0.0; 3]);
     let coordinator = make("coordinator", "--join-window=60");
-    assert_eq!(
-        coordinator.role,
-        RoleConfig::Coordinator(CoordinatorConfig {
-            allow: Default::default(),
-            join_window_s: 60,
-            ..CoordinatorConfig::default()
-        })
-    );
+    let mut expected = CoordinatorConfig::default();
+    expected.join_window_s = 60;
+    assert_eq!(coordinator.role, RoleConfig::Coordinator(expected));
 }
 
 #[test]
@@ -289,39 +265,35 @@ fn a_file_sets_everything_and_options_stand_over_it() {
     assert_eq!(config.id, 10);
     assert_eq!((config.channels, config.tx_power), (1 << 15, 8));
     assert_eq!(config.protection, Protection::EncMic32);
-    let expected = CameraConfig {
-        kind: node_firmware::vision::CameraKind::Cmucam2,
-        lens: Lens {
-            columns: 88,
-            field_of_view_deg: 45.0,
-            projection: calib_core::camera::Projection::EqualAngle,
-            principal_column: Some(40.5),
-        },
-        baud: 57_600,
-        first_column: 0,
-        subjects: Subjects::Motion { threshold: 20 },
-        round: false,
-        reference: Some(Reference {
-            duty: Duty::First,
-            position: None,
-        }),
-        may_be_elected: false,
-        baseline: Some(6.0),
-        frame_heading_deg: Some(-12.5),
-        reference_stops: 2,
-        stops: 6,
-        refine: false,
-        good_enough: Sigmas {
-            position: 0.02,
-            heading_deg: 0.5,
-        },
-        weak: Sigmas {
-            position: 0.75,
-            heading_deg: 10.0,
-        },
-        sigma_floor_px: 0.25,
-        lens_sigma: node_firmware::config::LensSigma::UNMEASURED,
+    let lens = Lens {
+        columns: 88,
+        field_of_view_deg: 45.0,
+        projection: calib_core::camera::Projection::EqualAngle,
+        principal_column: Some(40.5),
     };
+    let mut expected = CameraConfig::new(lens, Subjects::Motion { threshold: 20 });
+    expected.baud = 57_600;
+    expected.first_column = 0;
+    expected.round = false;
+    expected.reference = Some(Reference {
+        duty: Duty::First,
+        position: None,
+    });
+    expected.may_be_elected = false;
+    expected.baseline = Some(6.0);
+    expected.frame_heading_deg = Some(-12.5);
+    expected.reference_stops = 2;
+    expected.stops = 6;
+    expected.refine = false;
+    expected.good_enough = Sigmas {
+        position: 0.02,
+        heading_deg: 0.5,
+    };
+    expected.weak = Sigmas {
+        position: 0.75,
+        heading_deg: 10.0,
+    };
+    expected.sigma_floor_px = 0.25;
     assert_eq!(*camera, expected);
 }
 
@@ -471,24 +443,20 @@ fn a_page_of_another_length_is_refused() {
 #[test]
 fn a_page_is_shown_without_its_key() {
     let place = Place::new();
-    let config = Config {
-        id: 3,
-        site_key: SiteKey::new(9, *b"0123456789abcdef"),
-        channels: 0x0210_8800,
-        tx_power: -4,
-        protection: Protection::EncMic64,
-        role: RoleConfig::Camera(CameraConfig {
-            reference: Some(Reference {
-                duty: Duty::Second,
-                position: Some([10.0, -0.5]),
-            }),
-            weak: Sigmas {
-                position: 0.3,
-                heading_deg: 7.5,
-            },
-            ..CameraConfig::new(Lens::pin_hole(88, 47.5), Subjects::Motion { threshold: 8 })
-        }),
+    let subjects = Subjects::Motion { threshold: 8 };
+    let mut camera = CameraConfig::new(Lens::pin_hole(88, 47.5), subjects);
+    camera.reference = Some(Reference {
+        duty: Duty::Second,
+        position: Some([10.0, -0.5]),
+    });
+    camera.weak = Sigmas {
+        position: 0.3,
+        heading_deg: 7.5,
     };
+    let key = SiteKey::new(9, *b"0123456789abcdef");
+    let mut config = Config::new(3, key, RoleConfig::Camera(camera));
+    config.channels = 0x0210_8800;
+    config.tx_power = -4;
     let mut bytes = [0; page::PAGE_MAX];
     page::encode(&config.check().unwrap(), &mut bytes).unwrap();
     fs::write(place.path("page.bin"), bytes).unwrap();

@@ -20,7 +20,10 @@ fn documented() -> String {
 
 fn decode(place: &Place, id: u16) -> Config {
     let page = place.path(&format!("pages/node-{id}.page.bin"));
-    Config::clone(&page::decode(&fs::read(page).unwrap()).unwrap())
+    page::decode(&fs::read(page).unwrap())
+        .unwrap()
+        .settings()
+        .clone()
 }
 
 #[test]

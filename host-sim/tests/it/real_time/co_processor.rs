@@ -48,14 +48,10 @@ const LIMIT: Duration = Duration::from_secs(60);
 
 /// Values that `settings` and `provisioned` have too.
 fn config(number: u8, role: RoleConfig) -> Config {
-    Config {
-        id: number.into(),
-        site_key: SiteKey::new(1, key_bytes(1)),
-        channels: 1 << Channel::FIRST.number(),
-        tx_power: 0,
-        protection: Protection::EncMic32,
-        role,
-    }
+    let mut config = Config::new(number.into(), SiteKey::new(1, key_bytes(1)), role);
+    config.channels = 1 << Channel::FIRST.number();
+    config.protection = Protection::EncMic32;
+    config
 }
 
 /// Sends a message that must arrive.
@@ -181,15 +177,13 @@ fn a_camera_finds_its_pose() {
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_reference_camera_finds_its_pose() {
-    let config = CameraConfig {
-        reference: Some(Reference {
-            duty: Duty::First,
-            position: None,
-        }),
-        baseline: Some(BASELINE),
-        frame_heading_deg: Some(0.0),
-        ..camera_config()
-    };
+    let mut config = camera_config();
+    config.reference = Some(Reference {
+        duty: Duty::First,
+        position: None,
+    });
+    config.baseline = Some(BASELINE);
+    config.frame_heading_deg = Some(0.0);
     let stops = [
         (15.0, 5.0),
         (43.5, 2.5),
@@ -218,10 +212,9 @@ fn camera_config() -> CameraConfig {
         blue: [16, 80],
     };
     let subjects = Subjects::Colours([orange].into_iter().collect());
-    CameraConfig {
-        lens_sigma: LensSigma::EXACT,
-        ..CameraConfig::new(Lens::pin_hole(88, 45.0), subjects)
-    }
+    let mut camera = CameraConfig::new(Lens::pin_hole(88, 45.0), subjects);
+    camera.lens_sigma = LensSigma::EXACT;
+    camera
 }
 
 /// Shows a ball to a camera, in these columns and at these distances, until it has a pose. The camera is told

@@ -39,10 +39,8 @@ impl Application {
             watched: true,
             ..Configuration::default()
         };
-        let policy = Policy {
-            strict,
-            ..Policy::default()
-        };
+        let mut policy = Policy::default();
+        policy.strict = strict;
         let scene = orange_box([30, 49], [40, 79]);
         let mut link = driver_with(configuration, scene, policy);
         let off = Registers::one(Register::auto_gain(false));

@@ -264,20 +264,19 @@ mod tests {
             elevation: Elevation::UNKNOWN,
         });
         let prior = |mean, sigma| Prior { mean, sigma };
+        let mut settings = JointSettings::default();
+        settings.scale = prior(1.0, walk.errors.scale);
+        settings.compass = prior(0.0, walk.errors.compass);
+        settings.lens = Some(0.02);
+        settings.limits = Limits {
+            position: 3.0,
+            heading: 0.5,
+        };
         Input {
             cameras: 9,
             marks: 1,
             baseline: walk.cameras[1].x,
-            settings: JointSettings {
-                scale: prior(1.0, walk.errors.scale),
-                compass: prior(0.0, walk.errors.compass),
-                lens: Some(0.02),
-                limits: Limits {
-                    position: 3.0,
-                    heading: 0.5,
-                },
-                ..JointSettings::default()
-            },
+            settings,
             legs: std::iter::once(None).chain(legs).collect(),
             bearings: bearings.collect(),
             visits: [3, 14]

@@ -422,8 +422,8 @@ impl NetworkView {
                 known.1 = place.or(known.1);
                 None
             }
-            // These are not asked for here.
-            ToPc::Tracked { .. } | ToPc::Object { .. } => None,
+            // `Tracked` and `Object` are not asked for here.
+            _ => None,
         }
     }
 

@@ -48,7 +48,10 @@ impl SitePlan {
         let Some((index, (network, configs))) = best else {
             return Ok(None);
         };
-        let weak = configs.cameras.first().map(|config| &config.role);
+        let weak = configs
+            .cameras
+            .first()
+            .map(|config| &config.settings().role);
         let limits = match weak {
             Some(Configured::Camera(camera)) => limits(camera),
             _ => usual_limits(),

@@ -293,17 +293,13 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
             RoleConfig::Target(own)
         }
     };
-    let config = Config {
-        id,
-        site_key,
-        channels: channel_mask(common.channels)?,
-        tx_power: common.tx_power,
-        protection: match common.protection {
-            None | Some(6) => Protection::EncMic64,
-            Some(5) => Protection::EncMic32,
-            Some(_) => return Err(NodeError::Protection),
-        },
-        role,
+    let mut config = Config::new(id, site_key, role);
+    config.channels = channel_mask(common.channels)?;
+    config.tx_power = common.tx_power;
+    config.protection = match common.protection {
+        None | Some(6) => Protection::EncMic64,
+        Some(5) => Protection::EncMic32,
+        Some(_) => return Err(NodeError::Protection),
     };
     Ok(config.check()?)
 }
@@ -350,12 +346,12 @@ impl TryFrom<Coordinator> for CoordinatorConfig {
     fn try_from(own: Coordinator) -> Result<Self, NodeError> {
         let count = own.allow.len();
         let allow = heapless::Vec::from_slice(&own.allow);
-        Ok(Self {
-            allow: allow.map_err(|_| NodeError::TooMany(count))?,
-            join_window_s: own.join_window_s,
-            metres_per_unit: own.metres_per_unit,
-            ball_radius: own.ball_radius,
-        })
+        let mut config = Self::default();
+        config.allow = allow.map_err(|_| NodeError::TooMany(count))?;
+        config.join_window_s = own.join_window_s;
+        config.metres_per_unit = own.metres_per_unit;
+        config.ball_radius = own.ball_radius;
+        Ok(config)
     }
 }
 

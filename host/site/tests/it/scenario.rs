@@ -143,7 +143,7 @@ fn nodes_count_as_many_stops_as_are_planned() {
             .unwrap();
         let planned = plan.stops.iter().filter(|stop| stop.for_references).count();
         for config in &configs(&scenario).remove(0).cameras {
-            let camera = camera(config);
+            let camera = camera(config.settings());
             assert_eq!(
                 usize::from(camera.reference_stops),
                 planned,

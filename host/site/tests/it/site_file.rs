@@ -3,8 +3,8 @@
 use nalgebra::Point2;
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SensorConfig, SiteKey,
-        Subjects, SurveySigma, TargetConfig,
+        CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SiteKey, Subjects,
+        TargetConfig,
     },
     message::Duty,
     vision::{ColourWindow, Lens},
@@ -77,24 +77,19 @@ fn defaults_are_those_of_the_firmware() {
     };
     let subjects = Subjects::Colours([orange].into_iter().collect());
     // Two columns of such a lens.
-    let lens_sigma = LensSigma {
-        principal_deg: (2.0 * (2.0 * 23.5_f64.to_radians().tan() / 87.0)).to_degrees() as f32,
-        ..LensSigma::UNMEASURED
-    };
-    let told = CameraConfig {
-        lens_sigma,
-        may_be_elected: false,
-        baseline: Some(10.0),
-        frame_heading_deg: Some(0.0),
-        ..CameraConfig::new(Lens::pin_hole(88, 47.0), subjects)
-    };
-    assert_eq!(camera(&network.cameras[2]), &told);
-    let told = TargetConfig {
-        lens_sigma,
-        ..TargetConfig::default()
-    };
-    assert_eq!(target(&network.targets[0]), &told);
-    let RoleConfig::Coordinator(coordinator) = &network.coordinator.role else {
+    let mut lens_sigma = LensSigma::UNMEASURED;
+    lens_sigma.principal_deg =
+        (2.0 * (2.0 * 23.5_f64.to_radians().tan() / 87.0)).to_degrees() as f32;
+    let mut told = CameraConfig::new(Lens::pin_hole(88, 47.0), subjects);
+    told.lens_sigma = lens_sigma;
+    told.may_be_elected = false;
+    told.baseline = Some(10.0);
+    told.frame_heading_deg = Some(0.0);
+    assert_eq!(camera(network.cameras[2].settings()), &told);
+    let mut told = TargetConfig::default();
+    told.lens_sigma = lens_sigma;
+    assert_eq!(target(network.targets[0].settings()), &told);
+    let RoleConfig::Coordinator(coordinator) = &network.coordinator.settings().role else {
         panic!("{network:?}");
     };
     assert_eq!(
@@ -104,16 +99,16 @@ fn defaults_are_those_of_the_firmware() {
     let members: Vec<_> = network.iter().skip(1).collect();
     assert_eq!(members.len(), 4);
     for member in members {
-        assert!(coordinator.allow.contains(&member.id));
-        assert_eq!(member.site_key, key());
-        assert_eq!(member.channels, 1 << 15);
+        assert!(coordinator.allow.contains(&member.settings().id));
+        assert_eq!(member.settings().site_key, key());
+        assert_eq!(member.settings().channels, 1 << 15);
     }
-    assert_eq!(network.coordinator.id, site::coordinator_id(0));
+    assert_eq!(network.coordinator.settings().id, site::coordinator_id(0));
     for (config, duty, x) in [
         (&network.cameras[0], Duty::First, 0.0),
         (&network.cameras[1], Duty::Second, 10.0),
     ] {
-        let reference = camera(config).reference.unwrap();
+        let reference = camera(config.settings()).reference.unwrap();
         assert_eq!((reference.duty, reference.position), (duty, Some([x, 0.0])));
     }
 }
@@ -124,7 +119,7 @@ fn defaults_are_those_of_the_firmware() {
 fn every_parameter_arrives() {
     let site = scenario(include_str!("every_key.toml"));
     let network = site::configs(&site, key()).unwrap().remove(0);
-    let all = camera(&network.cameras[1]);
+    let all = camera(network.cameras[1].settings());
     assert_eq!((all.stops, all.reference_stops, all.refine), (5, 4, false));
     assert_eq!((all.round, all.first_column), (false, 0));
     let good = all.good_enough;
@@ -134,42 +129,33 @@ fn every_parameter_arrives() {
     assert_eq!(all.frame_heading_deg, Some(20.0));
     assert_eq!(all.lens.principal_column, Some(43.0));
     assert_eq!(all.lens.field_of_view_deg, 58.0);
-    let own = camera(&network.cameras[0]);
+    let own = camera(network.cameras[0].settings());
     assert_eq!((own.weak.position, all.weak.position), (0.8, 0.7));
     assert_eq!(own.weak.heading_deg, 9.0);
     assert_eq!((own.lens.columns, own.baud), (160, 57_600));
     assert_eq!(own.lens.field_of_view_deg, 61.5);
-    let expected = TargetConfig {
-        colour: 0,
-        still_after_ms: 1_600,
-        systematic_heading_deg: 2.0,
-        systematic_scale: 0.05,
-        standing_sigma: 0.03,
-        ball_radius: 0.16,
-        dwell_least_ms: 1_500,
-        dwell_most_ms: 90_000,
-        roams: false,
-        // Of the lens of 160 columns and 61.5 degrees, of which one column is least; the other has 58 degrees
-        // and 88 columns of equal angles.
-        lens_sigma: LensSigma {
-            focal: 0.03,
-            principal_deg: 1.0,
-            tilt_deg: 1.5,
-        },
-        survey_sigma: SurveySigma {
-            baseline: 0.02,
-            position: 0.04,
-        },
-        sensor: SensorConfig {
-            hard_iron: [1.0, 2.0, -3.0],
-            step_length: 1.5,
-        },
-    };
-    assert_eq!(target(&network.targets[0]), &expected);
+    let mut expected = TargetConfig::default();
+    expected.still_after_ms = 1_600;
+    expected.systematic_heading_deg = 2.0;
+    expected.systematic_scale = 0.05;
+    expected.standing_sigma = 0.03;
+    expected.ball_radius = 0.16;
+    expected.dwell_least_ms = 1_500;
+    expected.dwell_most_ms = 90_000;
+    // Of the lens of 160 columns and 61.5 degrees, of which one column is least; the other has 58 degrees
+    // and 88 columns of equal angles.
+    expected.lens_sigma.focal = 0.03;
+    expected.lens_sigma.principal_deg = 1.0;
+    expected.lens_sigma.tilt_deg = 1.5;
+    expected.survey_sigma.baseline = 0.02;
+    expected.survey_sigma.position = 0.04;
+    expected.sensor.hard_iron = [1.0, 2.0, -3.0];
+    expected.sensor.step_length = 1.5;
+    assert_eq!(target(network.targets[0].settings()), &expected);
     let coordinator = &network.coordinator;
-    assert_eq!(coordinator.channels, 1 << 15 | 1 << 20);
-    assert_eq!(coordinator.tx_power, 4);
-    let RoleConfig::Coordinator(parameters) = &coordinator.role else {
+    assert_eq!(coordinator.settings().channels, 1 << 15 | 1 << 20);
+    assert_eq!(coordinator.settings().tx_power, 4);
+    let RoleConfig::Coordinator(parameters) = &coordinator.settings().role else {
         panic!("{coordinator:?}");
     };
     assert_eq!(parameters.join_window_s, 60);
@@ -247,7 +233,7 @@ fn targets_stand_within_two_centimetres_in_any_unit() {
     ] {
         let site = scenario(&SITE.replace("unit = \"m\"", unit));
         let configs = site::configs(&site, key()).unwrap();
-        let sigma = f64::from(target(&configs[0].targets[0]).standing_sigma) * metres;
+        let sigma = f64::from(target(configs[0].targets[0].settings()).standing_sigma) * metres;
         assert!((sigma - 0.02).abs() < 1e-6, "{unit}: {sigma}");
     }
 }
@@ -281,11 +267,13 @@ fn frames_in_the_building() {
     let frame = network(&placed).building_frame().unwrap();
     assert_eq!(frame.origin, Point2::new(1.0, 2.0));
     let configs = site::configs(&scenario(&placed), key()).unwrap();
-    assert_eq!(camera(&configs[0].cameras[2]).baseline, Some(9.7));
+    assert_eq!(camera(configs[0].cameras[2].settings()).baseline, Some(9.7));
     // A compass that shows the building's x axis is 90 degrees off in the frame.
     let compass = SITE.replace("[1, 2] }", "[1, 2], compass_deg = 0.0 }");
     let configs = site::configs(&scenario(&compass), key()).unwrap();
-    let heading = camera(&configs[0].cameras[2]).frame_heading_deg.unwrap();
+    let heading = camera(configs[0].cameras[2].settings())
+        .frame_heading_deg
+        .unwrap();
     assert!((heading + 90.0).abs() < 1e-4, "{heading}");
 }
 
@@ -311,7 +299,7 @@ fn cameras_scatter_by_the_seed_and_all_else_follows() {
     assert_ne!(scattered(&one).networks, scattered(&other).networks);
     let baseline = |scenario: &Scenario| {
         let configs = site::configs(scenario, key()).unwrap();
-        f64::from(camera(&configs[0].cameras[5]).baseline.unwrap())
+        f64::from(camera(configs[0].cameras[5].settings()).baseline.unwrap())
     };
     // Nothing is drawn for nodes that are deployed.
     assert_eq!(baseline(&one), baseline(&plain));

@@ -60,13 +60,10 @@ pub(crate) async fn firmware(
     for (place, member) in (0..).zip(&mut table) {
         *member = store.member(place).await.unwrap();
     }
-    let settings = NetworkSettings {
-        extended: eui(id.0),
-        channels: Channels::only(Channel::FIRST),
-        tx_power: 0,
-        protection: Protection::EncMic32,
-        seed: root.seed("link", id.0.into()) ^ clock.time(),
-    };
+    let mut settings =
+        NetworkSettings::new(eui(id.0), root.seed("link", id.0.into()) ^ clock.time());
+    settings.channels = Channels::only(Channel::FIRST);
+    settings.protection = Protection::EncMic32;
     let node = if id.0 == 0 {
         let mut node = Node::coordinator(settings, &saved, table);
         for member in 1..=members {

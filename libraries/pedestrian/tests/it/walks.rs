@@ -49,13 +49,9 @@ fn every_step_is_counted_and_measured() {
     for seed in 0..30 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
-        let steps = reckon(
-            &walker,
-            PedestrianSettings {
-                length: k,
-                ..settings(&walker)
-            },
-        );
+        let mut changed = settings(&walker);
+        changed.length = k;
+        let steps = reckon(&walker, changed);
         assert_eq!(steps.len(), 84, "seed {seed}, cadence {}", walker.cadence);
         let truth = 84.0 * walker.step_length;
         let error = length(&steps) / truth - 1.0;
@@ -77,11 +73,9 @@ fn a_slow_sensor_will_do() {
     for seed in 0..20 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
-        let mut person = Pedestrian::new(PedestrianSettings {
-            length: k,
-            ..settings(&walker)
-        })
-        .unwrap();
+        let mut changed = settings(&walker);
+        changed.length = k;
+        let mut person = Pedestrian::new(changed).unwrap();
         let mut steps = Vec::new();
         for (i, reading) in walker.readings.iter().enumerate().step_by(4) {
             steps.extend(person.update(moment(i), &sample(reading)).unwrap());
@@ -109,13 +103,9 @@ fn a_walk_begins_when_it_is_confirmed() {
     ] {
         let mut walker = Walker::new(3);
         walker.act(&[Act::Stand(3.0), Act::Walk(walked, 0.0), Act::Stand(3.0)]);
-        let steps = reckon(
-            &walker,
-            PedestrianSettings {
-                confirmation,
-                ..settings(&walker)
-            },
-        );
+        let mut changed = settings(&walker);
+        changed.confirmation = confirmation;
+        let steps = reckon(&walker, changed);
         assert_eq!(
             steps.len(),
             counted,
@@ -186,13 +176,9 @@ fn the_track_knows_how_far_it_may_be_off() {
             let mut walker = Walker::new(1000 + seed);
             walker.act(&acts);
             let mut track = Track::start(Point2::origin(), Matrix2::zeros(), systematic).unwrap();
-            for step in reckon(
-                &walker,
-                PedestrianSettings {
-                    length: k,
-                    ..settings(&walker)
-                },
-            ) {
+            let mut changed = settings(&walker);
+            changed.length = k;
+            for step in reckon(&walker, changed) {
                 track.advance(&step).unwrap();
             }
             let error = track.position().coords - walker.position;
@@ -310,12 +296,10 @@ fn a_stronger_field_is_accepted_in_the_end() {
 #[test]
 fn compass_and_world_turn_opposite_ways() {
     let facing = |declination: f64, forward: f64, left: f64| {
-        let mut filter = HeadingFilter::new(HeadingSettings {
-            // The world's x axis points to true east.
-            magnetic_north: magnetic_north(TAU / 4.0, declination.to_radians()),
-            ..HeadingSettings::default()
-        })
-        .unwrap();
+        let mut heading = HeadingSettings::default();
+        // The world's x axis points to true east.
+        heading.magnetic_north = magnetic_north(TAU / 4.0, declination.to_radians());
+        let mut filter = HeadingFilter::new(heading).unwrap();
         let sample = ImuSample {
             acceleration: Vector3::new(0.0, 0.0, 9.8),
             angular_rate: Vector3::zeros(),
@@ -367,13 +351,8 @@ fn a_node_in_f32_walks_the_same_way() {
     let mut walker = Walker::new(21);
     walker.act(&round_the_block());
     let wide = reckon(&walker, settings(&walker));
-    let narrow_settings = PedestrianSettings {
-        heading: HeadingSettings {
-            magnetic_north: walker.north as f32,
-            ..HeadingSettings::default()
-        },
-        ..PedestrianSettings::default()
-    };
+    let mut narrow_settings = PedestrianSettings::default();
+    narrow_settings.heading.magnetic_north = walker.north as f32;
     let mut person = Pedestrian::<f32>::new(narrow_settings).unwrap();
     let mut narrow = Vec::new();
     for (i, reading) in walker.readings.iter().enumerate() {
@@ -505,7 +484,8 @@ proptest! {
         ),
         confirmation in 1_u8..=4,
     ) {
-        let settings = PedestrianSettings { confirmation, ..PedestrianSettings::default() };
+        let mut settings = PedestrianSettings::default();
+        settings.confirmation = confirmation;
         let mut person = Pedestrian::<f32>::new(settings).unwrap();
         let mut track = Track::start(
             Point2::origin(), Matrix2::zeros(), Systematic::default()).unwrap();

@@ -181,11 +181,15 @@ fn what_a_node_asks() {
         build: 12,
     };
     // It starts for 1.8 s.
-    assert_eq!(camera.version_wait(), Ok(version));
-    assert_eq!(block_on(camera.version()), Ok(version));
-    assert_eq!(block_on(camera.resolution()), Ok((316, 208)));
+    assert_eq!(camera.version().wait(), Ok(version));
+    assert_eq!(block_on(camera.version().run()), Ok(version));
+    assert_eq!(block_on(camera.resolution().run()), Ok((316, 208)));
     line.0.borrow_mut().blocks = [BALL, BALL].concat();
-    let blocks: Vec<Block> = camera.blocks_wait(Signatures::one(1), 1).unwrap().collect();
+    let blocks: Vec<Block> = camera
+        .blocks(Signatures::one(1), 1)
+        .wait()
+        .unwrap()
+        .collect();
     let ball = Block {
         signature: 1,
         x: 300,
@@ -198,12 +202,19 @@ fn what_a_node_asks() {
     };
     assert_eq!(blocks, [ball]);
     assert_eq!((ball.left(), ball.top()), (290, 90));
-    let count = block_on(async { camera.blocks(Signatures::ALL, 9).await.unwrap().count() });
+    let count = block_on(async {
+        camera
+            .blocks(Signatures::ALL, 9)
+            .run()
+            .await
+            .unwrap()
+            .count()
+    });
     assert_eq!(count, 2);
     line.0.borrow_mut().blocks.clear();
-    assert_eq!(camera.blocks_wait(Signatures::ALL, 9).unwrap().count(), 0);
+    assert_eq!(camera.blocks(Signatures::ALL, 9).wait().unwrap().count(), 0);
     assert_eq!(
-        camera.ask_wait(Request::FramesPerSecond),
+        camera.request(Request::FramesPerSecond).wait(),
         Ok(Answer::Result(60))
     );
 }
@@ -219,7 +230,7 @@ fn what_goes_wrong_is_repeated_or_told() {
         let (mut camera, line) = camera();
         line.0.borrow_mut().deaf = deaf;
         line.0.borrow_mut().damaged = damaged;
-        assert_eq!(camera.resolution_wait(), outcome, "{deaf} {damaged}");
+        assert_eq!(camera.resolution().wait(), outcome, "{deaf} {damaged}");
         assert_eq!(line.0.borrow().heard, 4);
     }
     // What is refused may be what the line has made of the request.
@@ -227,18 +238,24 @@ fn what_goes_wrong_is_repeated_or_told() {
         let (mut camera, line) = camera();
         line.0.borrow_mut().error = -4;
         line.0.borrow_mut().errors = errors;
-        let blocks = camera.blocks_wait(Signatures::ALL, 1).map(Iterator::count);
+        let blocks = camera
+            .blocks(Signatures::ALL, 1)
+            .wait()
+            .map(Iterator::count);
         assert_eq!(blocks, outcome);
         assert_eq!(line.0.borrow().heard, 4);
     }
     let (mut camera, line) = camera();
     line.0.borrow_mut().error = BUSY;
     line.0.borrow_mut().errors = u32::MAX;
-    assert_eq!(block_on(camera.version()), Err(Error::Camera(Fault::Busy)));
+    assert_eq!(
+        block_on(camera.version().run()),
+        Err(Error::Camera(Fault::Busy))
+    );
     // The late answer to another request is not taken for this one's.
     line.0.borrow_mut().errors = 0;
     line.0.borrow_mut().answer(0x0F, &[9; 16]);
-    assert_eq!(camera.resolution_wait(), Ok((316, 208)));
+    assert_eq!(camera.resolution().wait(), Ok((316, 208)));
 }
 
 /// Blobs of other signatures are not those that were asked for, whichever way they come.
@@ -253,7 +270,7 @@ fn blocks_are_those_of_the_signature_that_is_asked_for() {
     // Requests that the line has made others of are not obeyed.
     line.0.borrow_mut().other = 3;
     let one = Signatures::one(1);
-    assert_eq!(camera.blocks_wait(one, 2).map(Iterator::count), Ok(1));
+    assert_eq!(camera.blocks(one, 2).wait().map(Iterator::count), Ok(1));
     assert_eq!(line.0.borrow().heard, 4);
     // The late answer to another request for blocks: of another signature, or of more.
     for late in [vec![other], vec![code], vec![BALL; 3]] {
@@ -261,16 +278,19 @@ fn blocks_are_those_of_the_signature_that_is_asked_for() {
         camera_behind.answer(0x21, &late.concat());
         camera_behind.late = camera_behind.answers.drain(..).collect();
         drop(camera_behind);
-        let blocks = camera.blocks_wait(one, 2).unwrap();
+        let blocks = camera.blocks(one, 2).wait().unwrap();
         assert!(blocks.map(|block| block.signature).eq([1]));
         line.0.borrow_mut().answers.clear();
     }
     line.0.borrow_mut().blocks = [other, code].concat();
     assert_eq!(
-        camera.blocks_wait(Signatures::ALL, 2).map(Iterator::count),
+        camera
+            .blocks(Signatures::ALL, 2)
+            .wait()
+            .map(Iterator::count),
         Ok(2)
     );
-    let never = camera.blocks_wait(one, 2).map(Iterator::count);
+    let never = camera.blocks(one, 2).wait().map(Iterator::count);
     assert_eq!(never, Err(Error::Camera(Fault::Garbled)));
 }
 
@@ -345,7 +365,8 @@ fn a_bus_that_is_disturbed_fails_one_call() {
         let mut camera = Pixy::new(Model::Pixy2, bus, Delay);
         for call in 0..4 {
             let blocks = camera
-                .blocks_wait(Signatures::one(1), 2)
+                .blocks(Signatures::one(1), 2)
+                .wait()
                 .map(Iterator::count);
             match blocks {
                 Err(Error::Uart(_)) => failed += 1,
@@ -367,19 +388,19 @@ fn the_same_camera_on_a_bus() {
     line.0.borrow_mut().blocks = [BALL, BALL].concat();
     line.0.borrow_mut().busy = 3;
     line.0.borrow_mut().damaged = 1;
-    assert_eq!(on_bus.resolution_wait(), Ok((316, 208)));
-    assert_eq!(block_on(on_bus.resolution()), Ok((316, 208)));
+    assert_eq!(on_bus.resolution().wait(), Ok((316, 208)));
+    assert_eq!(block_on(on_bus.resolution().run()), Ok((316, 208)));
     let one = Signatures::one(1);
-    assert_eq!(on_bus.blocks_wait(one, 2).map(Iterator::count), Ok(2));
-    let found = block_on(async { on_bus.blocks(one, 2).await.map(Iterator::count) });
+    assert_eq!(on_bus.blocks(one, 2).wait().map(Iterator::count), Ok(2));
+    let found = block_on(async { on_bus.blocks(one, 2).run().await.map(Iterator::count) });
     assert_eq!(found, Ok(2));
     // A camera that says nothing is silent, and one that is off is told by the bus.
     line.0.borrow_mut().deaf = u32::MAX;
     let silent = Err(Error::Camera(Fault::Silence));
-    assert_eq!(on_bus.resolution_wait(), silent);
-    assert_eq!(block_on(on_bus.resolution()), silent);
+    assert_eq!(on_bus.resolution().wait(), silent);
+    assert_eq!(block_on(on_bus.resolution().run()), silent);
     for mut off in [camera(i2c::ADDRESS, false), camera(0x55, true)] {
-        let outcomes = [off.resolution_wait(), block_on(off.resolution())];
+        let outcomes = [off.resolution().wait(), block_on(off.resolution().run())];
         for outcome in outcomes {
             let Err(Error::Uart(error)) = outcome else {
                 panic!("{outcome:?}")

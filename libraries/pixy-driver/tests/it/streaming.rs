@@ -315,19 +315,19 @@ fn a_uart_that_loses_bytes_loses_pictures() {
     let mut last = None;
     for n in 0..20 {
         let found = if n % 2 == 0 {
-            block_on(async { camera.blocks(one, 2).await.map(|mut all| all.next()) })
+            block_on(async { camera.blocks(one, 2).run().await.map(|mut all| all.next()) })
         } else {
-            camera.blocks_wait(one, 2).map(|mut all| all.next())
+            camera.blocks(one, 2).wait().map(|mut all| all.next())
         };
         let x = found.unwrap().unwrap().x;
         assert!(last.is_none_or(|last| x > last));
         last = Some(x);
     }
     let unable = Err(Error::Camera(Fault::Unable));
-    assert_eq!(block_on(camera.ask(Request::Version)), unable);
-    assert_eq!(camera.ask_wait(Request::Resolution), unable);
+    assert_eq!(block_on(camera.request(Request::Version).run()), unable);
+    assert_eq!(camera.request(Request::Resolution).wait(), unable);
     line.0.borrow_mut().0.clear();
-    let silent = block_on(camera.ask(of(one)));
+    let silent = block_on(camera.request(of(one)).run());
     assert!(matches!(
         silent,
         Err(Error::Camera(Fault::Silence | Fault::Garbled))

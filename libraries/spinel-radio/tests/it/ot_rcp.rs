@@ -407,12 +407,10 @@ fn killed_and_restarted_between_transmissions() {
 fn dead_is_an_error_and_works_again_later() {
     let air = Air::new();
     let (process, uart) = Process::start(&air, 1);
-    let impatient = RcpPolicy {
-        answer: Duration::from_millis(200),
-        transmission: Duration::from_millis(500),
-        reset: Duration::from_millis(500),
-        ..RcpPolicy::default()
-    };
+    let mut impatient = RcpPolicy::default();
+    impatient.answer = Duration::from_millis(200);
+    impatient.transmission = Duration::from_millis(500);
+    impatient.reset = Duration::from_millis(500);
     let mut a = Node {
         process,
         radio: SpinelRadio::with_policy(uart, StdClock::new(), impatient),

@@ -1,6 +1,6 @@
 //! Every range of a configuration, in one place.
 
-use core::{fmt, ops::Deref};
+use core::fmt;
 
 use calib_core::camera::Camera;
 use zigbee_link::{
@@ -10,8 +10,8 @@ use zigbee_link::{
 };
 
 use super::{
-    CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SensorConfig, Subjects,
-    TargetConfig,
+    CHANNELS, CameraConfig, Config, CoordinatorConfig, LensSigma, RoleConfig, SensorConfig,
+    Subjects, TargetConfig,
 };
 use crate::{
     limits::{COLOURS_MAX, CONSOLE_BAUD, REFERENCE_STOPS, STOPS_WANTED},
@@ -29,15 +29,12 @@ pub struct CheckedConfig {
     optics: Camera<f32>,
 }
 
-impl Deref for CheckedConfig {
-    type Target = Config;
-
-    fn deref(&self) -> &Config {
+impl CheckedConfig {
+    /// The settings, as they were checked.
+    pub const fn settings(&self) -> &Config {
         &self.config
     }
-}
 
-impl CheckedConfig {
     /// The site key, as the network takes it.
     pub const fn key(&self) -> Key {
         self.key
@@ -262,9 +259,8 @@ impl Config {
     /// # Errors
     /// The first part that is out of its range.
     pub fn check(self) -> Result<CheckedConfig, ConfigError> {
-        let all = 0x07FF_F800;
         require(&[
-            (self.channels & !all == 0, ConfigError::Channels),
+            (self.channels & !CHANNELS == 0, ConfigError::Channels),
             ((-40..=20).contains(&self.tx_power), ConfigError::TxPower),
         ])?;
         let is_built = match self.role {

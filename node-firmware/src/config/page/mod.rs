@@ -94,7 +94,7 @@ pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageEr
     let (header, rest) = buffer.split_at_mut_checked(HEADER).ok_or(PageError::Room)?;
     let room = rest.len().checked_sub(TRAILER).ok_or(PageError::Room)?;
     let body = rest.get_mut(..room).ok_or(PageError::Room)?;
-    let length = postcard::to_slice::<Config>(config, body)
+    let length = postcard::to_slice(config.settings(), body)
         .map_err(|_| PageError::Room)?
         .len();
     let written = u16::try_from(length).map_err(|_| PageError::Room)?;

@@ -221,7 +221,7 @@ proptest! {
         // With a right header and checksum, the body is looked at.
         let forged = forged(VERSION, bytes.len() as u16, &bytes);
         if let Ok(config) = decode(&forged) {
-            prop_assert_eq!(Config::clone(&config).check(), Ok(config));
+            prop_assert_eq!(config.settings().clone().check(), Ok(config));
         }
     }
 

@@ -49,8 +49,9 @@ impl Tracking {
     /// From now on objects of this kind, in this unit.
     pub(super) fn configure(&mut self, config: &CoordinatorConfig) {
         let radius = Some(config.ball_radius).filter(|radius| *radius > 0.0);
-        let settings = Settings::WALKING.in_units(config.metres_per_unit);
-        self.tracker.follow(Settings { radius, ..settings });
+        let mut settings = Settings::WALKING.in_units(config.metres_per_unit);
+        settings.radius = radius;
+        self.tracker.follow(settings);
         self.radius = radius;
     }
 

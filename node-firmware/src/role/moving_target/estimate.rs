@@ -423,16 +423,14 @@ impl<'m> Estimate<'m> {
             return;
         };
         let [focal, principal] = config.lens_sigma.of_tangent();
-        let settings = JointSettings {
-            scale,
-            compass,
-            standing: config.standing_sigma,
-            tilt: config.lens_sigma.tilt_deg.to_radians(),
-            lens: Some(focal),
-            principal: Some(principal),
-            is_baseline_known: frame.is_baseline_known(),
-            ..JointSettings::default()
-        };
+        let mut settings = JointSettings::default();
+        settings.scale = scale;
+        settings.compass = compass;
+        settings.standing = config.standing_sigma;
+        settings.tilt = config.lens_sigma.tilt_deg.to_radians();
+        settings.lens = Some(focal);
+        settings.principal = Some(principal);
+        settings.is_baseline_known = frame.is_baseline_known();
         let [Some(first), Some(second)] = frame.references.map(|camera| self.number(camera)) else {
             return;
         };

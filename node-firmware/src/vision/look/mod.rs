@@ -16,6 +16,7 @@ pub const FRAMES_MAX: usize = 16;
 /// Length of a look, and the floor of its sigma.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Patience {
     /// Frames in a row that must agree, 2 to [`FRAMES_MAX`].
     pub frames: u8,
@@ -39,6 +40,7 @@ impl Default for Patience {
 /// Result of a look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Look {
     /// The target stands there.
     Steady(Seen),

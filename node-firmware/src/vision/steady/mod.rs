@@ -133,6 +133,7 @@ pub struct Glance {
 /// Reason why the blob is not steady yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Unsteady {
     /// Not enough frames came.
     Few,

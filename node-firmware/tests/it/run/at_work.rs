@@ -1,7 +1,7 @@
 //! Nodes that join, look, obey and restart.
 
 use node_firmware::{
-    config::{CameraConfig, RoleConfig, SiteKey, Subjects},
+    config::{RoleConfig, SiteKey, Subjects},
     console::{FromPc, KeyChangeReport, ToPc},
     message::{CameraCommand, Duty, Sight, TrackedBlob},
 };
@@ -247,10 +247,9 @@ fn they_come_back_after_a_restart() {
 #[test]
 fn a_background_is_not_learnt_with_the_target_in_view() {
     let mut site = Site::new();
-    site.camera.config.role = RoleConfig::Camera(CameraConfig {
-        subjects: Subjects::Motion { threshold: 10 },
-        ..camera_config(Some(Duty::First))
-    });
+    let mut camera = camera_config(Some(Duty::First));
+    camera.subjects = Subjects::Motion { threshold: 10 };
+    site.camera.config.role = RoleConfig::Camera(camera);
     site.restart(20);
     let mut column = 8;
     let mut stop = |site: &mut Site| {

@@ -194,10 +194,9 @@ pub(super) struct Site {
 impl Site {
     pub(super) fn new() -> Self {
         let mut bench = Bench::new();
-        let coordinator = RoleConfig::Coordinator(CoordinatorConfig {
-            join_window_s: 60,
-            ..CoordinatorConfig::default()
-        });
+        let mut coordinator = CoordinatorConfig::default();
+        coordinator.join_window_s = 60;
+        let coordinator = RoleConfig::Coordinator(coordinator);
         let coordinator = Board::new(&mut bench, coordinator);
         let camera = RoleConfig::Camera(camera_config(Some(Duty::First)));
         let camera = Board::new(&mut bench, camera);

@@ -1,6 +1,6 @@
 //! Only the coordinator is provisioned anew. The others go on, in another network.
 
-use node_firmware::config::{CameraConfig, CoordinatorConfig, RoleConfig};
+use node_firmware::config::{CoordinatorConfig, RoleConfig};
 
 use crate::run::{
     bench::{Bench, Board, SECOND},
@@ -29,16 +29,13 @@ impl Site {
     /// Two cameras that may be elected, and a target.
     fn new() -> Self {
         let mut bench = Bench::new();
-        let coordinator = RoleConfig::Coordinator(CoordinatorConfig {
-            join_window_s: 600,
-            ..CoordinatorConfig::default()
-        });
+        let mut coordinator = CoordinatorConfig::default();
+        coordinator.join_window_s = 600;
+        let coordinator = RoleConfig::Coordinator(coordinator);
         let coordinator = Board::new(&mut bench, coordinator);
         let cameras = [(); 2].map(|()| {
-            let config = CameraConfig {
-                may_be_elected: true,
-                ..camera_config(None)
-            };
+            let mut config = camera_config(None);
+            config.may_be_elected = true;
             Board::new(&mut bench, RoleConfig::Camera(config))
         });
         let target = Board::new(&mut bench, RoleConfig::Target(target_config(0)));

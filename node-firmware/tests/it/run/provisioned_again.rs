@@ -106,10 +106,8 @@ fn boards_change_their_roles() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(100 * SECOND);
-    let coordinator = CoordinatorConfig {
-        join_window_s: 600,
-        ..CoordinatorConfig::default()
-    };
+    let mut coordinator = CoordinatorConfig::default();
+    coordinator.join_window_s = 600;
     // Coordinator and target.
     site.coordinator.config.role = RoleConfig::Target(target_config(0));
     site.target.config.role = RoleConfig::Coordinator(coordinator.clone());

@@ -20,9 +20,10 @@ use test_support::{
 const IRON: [f32; 3] = [35.0, -60.0, 20.0];
 
 /// Before the step length is known.
-const USUAL: SensorConfig = SensorConfig {
-    hard_iron: IRON,
-    ..SensorConfig::UNCALIBRATED
+const USUAL: SensorConfig = {
+    let mut sensor = SensorConfig::UNCALIBRATED;
+    sensor.hard_iron = IRON;
+    sensor
 };
 
 /// With the step length of another walk of this kind of person, at another pace, as people find it: the usual
@@ -34,10 +35,9 @@ fn calibrated() -> SensorConfig {
     let known = walker.position.norm();
     let bench = bench(walker);
     let reckoned = length(&steps(&bench.until(&mut bench.sensor(&USUAL), f64::MAX)));
-    SensorConfig {
-        step_length: USUAL.step_length * (known / reckoned) as f32,
-        ..USUAL
-    }
+    let mut sensor = USUAL;
+    sensor.step_length *= (known / reckoned) as f32;
+    sensor
 }
 
 fn length(steps: &[Step<f32>]) -> f64 {

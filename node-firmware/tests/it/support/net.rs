@@ -55,14 +55,13 @@ pub fn with_references(n: usize) -> CameraConfig {
 
 /// The same, which want more than a first pose.
 pub fn refining(n: usize) -> CameraConfig {
-    CameraConfig {
-        refine: true,
-        good_enough: Sigmas {
-            position: 0.02,
-            heading_deg: 0.15,
-        },
-        ..with_references(n)
-    }
+    let mut camera = with_references(n);
+    camera.refine = true;
+    camera.good_enough = Sigmas {
+        position: 0.02,
+        heading_deg: 0.15,
+    };
+    camera
 }
 
 /// A pose against the truth: squared error in units of the predicted covariance.
@@ -99,11 +98,9 @@ impl Net {
     pub fn estimating(faults: Faults, seed: u64, config: impl Fn(usize) -> CameraConfig) -> Self {
         Self::with(faults, seed, config, || {
             let unknown = TargetConfig::default();
-            let config = TargetConfig {
-                systematic_heading_deg: unknown.systematic_heading_deg,
-                systematic_scale: unknown.systematic_scale,
-                ..target_config(0)
-            };
+            let mut config = target_config(0);
+            config.systematic_heading_deg = unknown.systematic_heading_deg;
+            config.systematic_scale = unknown.systematic_scale;
             target_role(TARGET, config, u16::MAX - 2)
         })
     }

@@ -4,7 +4,7 @@ use std::{cell::RefCell, collections::BTreeMap, f64::consts::PI, rc::Rc};
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, LensSigma, SensorConfig, Sigmas, Subjects, SurveySigma, TargetConfig},
+    config::{CameraConfig, LensSigma, Sigmas, Subjects, SurveySigma, TargetConfig},
     message::{Duty, Reference, Seen, Sight},
     vision::{ColourWindow, Lens},
 };
@@ -132,49 +132,32 @@ pub fn camera_config(reference: Option<Duty>) -> CameraConfig {
         green: [60, 140],
         blue: [16, 80],
     };
-    CameraConfig {
-        lens_sigma: LensSigma::EXACT,
-        kind: node_firmware::vision::CameraKind::Cmucam2,
-        lens: Lens::pin_hole(88, 60.0),
-        baud: 38_400,
-        first_column: 1,
-        subjects: Subjects::Colours([window].into_iter().collect()),
-        round: true,
-        reference: reference.map(|duty| Reference {
-            duty,
-            position: None,
-        }),
-        may_be_elected: false,
-        baseline: Some(10.0),
-        frame_heading_deg: None,
-        reference_stops: 3,
-        stops: 3,
-        refine: false,
-        good_enough: Sigmas {
-            position: 0.05,
-            heading_deg: 0.3,
-        },
-        weak: Sigmas {
-            position: 0.5,
-            heading_deg: 10.0,
-        },
-        sigma_floor_px: 0.0625,
-    }
+    let subjects = Subjects::Colours([window].into_iter().collect());
+    let mut config = CameraConfig::new(Lens::pin_hole(88, 60.0), subjects);
+    config.lens_sigma = LensSigma::EXACT;
+    config.reference = reference.map(|duty| Reference {
+        duty,
+        position: None,
+    });
+    config.may_be_elected = false;
+    config.baseline = Some(10.0);
+    config.refine = false;
+    config.good_enough = Sigmas {
+        position: 0.05,
+        heading_deg: 0.3,
+    };
+    config.sigma_floor_px = 0.0625;
+    config
 }
 
 pub fn target_config(colour: u8) -> TargetConfig {
-    TargetConfig {
-        lens_sigma: LensSigma::EXACT,
-        survey_sigma: SurveySigma::EXACT,
-        colour,
-        still_after_ms: 1_500,
-        systematic_heading_deg: 0.0,
-        systematic_scale: 0.0,
-        standing_sigma: STANDING_SIGMA as f32,
-        ball_radius: 0.0,
-        dwell_least_ms: 2_000,
-        dwell_most_ms: 60_000,
-        roams: false,
-        sensor: SensorConfig::UNCALIBRATED,
-    }
+    let mut config = TargetConfig::default();
+    config.lens_sigma = LensSigma::EXACT;
+    config.survey_sigma = SurveySigma::EXACT;
+    config.colour = colour;
+    config.systematic_heading_deg = 0.0;
+    config.systematic_scale = 0.0;
+    config.standing_sigma = STANDING_SIGMA as f32;
+    config.dwell_most_ms = 60_000;
+    config
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use zigbee_link::{
     Instant,
-    network::{Action, Channels, NetworkSettings, Node},
+    network::{Action, NetworkSettings, Node},
     radio::{Channel, FRAME_MAX},
     security::{Counter, FrameSecurity, Key, Protection},
     store::{Membership, Saved},
@@ -26,13 +26,7 @@ pub(crate) fn run(bytes: &[u8]) {
         extended: None,
         former_key: None,
     };
-    let settings = NetworkSettings {
-        extended: Eui64([2, 0, 0, 0, 0, 0, 0, 1]),
-        channels: Channels::ALL,
-        tx_power: 0,
-        protection: Protection::EncMic64,
-        seed: 1,
-    };
+    let settings = NetworkSettings::new(Eui64([2, 0, 0, 0, 0, 0, 0, 1]), 1);
     let mut now = Instant(0);
     let mut node: Node<4, 2, 4> = if kind % 2 == 0 {
         Node::coordinator(settings, &saved, [None; 4])

@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use node_firmware::{
-    config::{CameraConfig, LensSigma, SensorConfig, Sigmas, Subjects, SurveySigma, TargetConfig},
+    config::{CameraConfig, Sigmas, Subjects, TargetConfig},
     console::{Frames, FromPc, ToPc},
     facts::Fact,
     message::{CommandResult, Duty, Message, Reference, Seen, Sight, Tracked},
@@ -46,7 +46,7 @@ pub(crate) fn run(input: &[u8]) {
             &facts,
             records,
             3,
-            TargetRole::new(9, TARGET, 0xFFFE),
+            TargetRole::new(9, target(), 0xFFFE),
             |bytes| step(bytes).into_iter().collect(),
         ),
         2 => live(&facts, records, 1, camera(None), |bytes| {
@@ -81,50 +81,27 @@ fn remembered(mut rest: &[u8]) -> (Vec<Fact>, &[u8]) {
     (facts, rest)
 }
 
-const TARGET: TargetConfig = TargetConfig {
-    colour: 0,
-    still_after_ms: 1_500,
-    systematic_heading_deg: 0.5,
-    systematic_scale: 0.01,
-    standing_sigma: 0.02,
-    ball_radius: 0.0,
-    dwell_least_ms: 2_000,
-    dwell_most_ms: 20_000,
-    roams: false,
-    lens_sigma: LensSigma::UNMEASURED,
-    survey_sigma: SurveySigma::MEASURED,
-    sensor: SensorConfig::UNCALIBRATED,
-};
+fn target() -> TargetConfig {
+    let mut config = TargetConfig::default();
+    config.systematic_heading_deg = 0.5;
+    config.systematic_scale = 0.01;
+    config.dwell_most_ms = 20_000;
+    config
+}
 
 fn camera(duty: Option<Duty>) -> CameraRole {
-    let config = CameraConfig {
-        kind: node_firmware::vision::CameraKind::Cmucam2,
-        lens: Lens::pin_hole(88, 45.0),
-        baud: 38_400,
-        first_column: 1,
-        subjects: Subjects::Motion { threshold: 10 },
-        round: true,
-        reference: duty.map(|duty| Reference {
-            duty,
-            position: None,
-        }),
-        may_be_elected: true,
-        baseline: Some(10.0),
-        frame_heading_deg: None,
-        reference_stops: 3,
-        stops: 3,
-        refine: true,
-        good_enough: Sigmas {
-            position: 0.05,
-            heading_deg: 0.25,
-        },
-        weak: Sigmas {
-            position: 0.5,
-            heading_deg: 10.0,
-        },
-        sigma_floor_px: 0.1,
-        lens_sigma: LensSigma::UNMEASURED,
+    let subjects = Subjects::Motion { threshold: 10 };
+    let mut config = CameraConfig::new(Lens::pin_hole(88, 45.0), subjects);
+    config.reference = duty.map(|duty| Reference {
+        duty,
+        position: None,
+    });
+    config.baseline = Some(10.0);
+    config.good_enough = Sigmas {
+        position: 0.05,
+        heading_deg: 0.25,
     };
+    config.sigma_floor_px = 0.1;
     CameraRole::new(7, config)
 }
 

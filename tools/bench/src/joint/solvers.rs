@@ -155,24 +155,18 @@ impl Errors {
 
 /// An estimator with all measurements, and the prior sigmas of scale and compass.
 pub(super) fn filled(walk: &Walk, limits: &Limits<f64>, [scale, compass]: [f64; 2]) -> Joint {
-    let settings = JointSettings {
-        scale: Prior {
-            mean: 1.0,
-            sigma: scale as f32,
-        },
-        compass: Prior {
-            mean: 0.0,
-            sigma: compass as f32,
-        },
-        standing: 0.0,
-        tilt: 0.0,
-        lens: None,
-        principal: None,
-        is_baseline_known: true,
-        limits: Limits {
-            position: limits.position as f32,
-            heading: limits.heading as f32,
-        },
+    let mut settings = JointSettings::default();
+    settings.scale = Prior {
+        mean: 1.0,
+        sigma: scale as f32,
+    };
+    settings.compass = Prior {
+        mean: 0.0,
+        sigma: compass as f32,
+    };
+    settings.limits = Limits {
+        position: limits.position as f32,
+        heading: limits.heading as f32,
     };
     let baseline = walk.cameras[1].x as f32;
     let mut joint = Joint::new(memory(walk), baseline, settings).expect("usable settings");

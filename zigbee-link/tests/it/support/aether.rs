@@ -8,7 +8,7 @@ use zigbee_link::{
     Instant,
     network::{Action, Channels, NetworkSettings, NetworkStatus, Node},
     radio::{Channel, FRAME_MAX, RadioConfig},
-    security::{Key, Protection},
+    security::Key,
     store::{Member, Record, Saved},
     wire::{Eui64, ShortAddress},
 };
@@ -64,13 +64,9 @@ pub struct Aether {
 }
 
 fn settings(number: usize, extended: Eui64, seed: u64) -> NetworkSettings {
-    NetworkSettings {
-        extended,
-        channels: Channels::only(Channel::new(15).unwrap()).and(Channel::LAST),
-        tx_power: 0,
-        protection: Protection::EncMic64,
-        seed: seed ^ number as u64,
-    }
+    let mut settings = NetworkSettings::new(extended, seed ^ number as u64);
+    settings.channels = Channels::only(Channel::new(15).unwrap()).and(Channel::LAST);
+    settings
 }
 
 impl Aether {

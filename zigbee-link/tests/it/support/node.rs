@@ -21,13 +21,10 @@ use super::{
 pub const LEN: u32 = length(4);
 
 pub fn settings(number: usize) -> NetworkSettings {
-    NetworkSettings {
-        extended: eui(number),
-        channels: Channels::only(Channel::FIRST),
-        tx_power: 0,
-        protection: Protection::EncMic32,
-        seed: number as u64,
-    }
+    let mut settings = NetworkSettings::new(eui(number), number as u64);
+    settings.channels = Channels::only(Channel::FIRST);
+    settings.protection = Protection::EncMic32;
+    settings
 }
 
 /// A store that knows nothing but the site key.

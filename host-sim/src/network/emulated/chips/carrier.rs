@@ -142,10 +142,8 @@ mod tests {
             k: carrier.step_length.into(),
             ..StepLength::default()
         };
-        let settings = PedestrianSettings {
-            length,
-            ..PedestrianSettings::default()
-        };
+        let mut settings = PedestrianSettings::default();
+        settings.length = length;
         let mut person = Pedestrian::new(settings).unwrap();
         let samples = (0..until).step_by(19_200_000);
         let steps = samples.filter_map(|at| {

@@ -41,7 +41,7 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
 use embedded_io_async::{Read, Write};
 use node_firmware::{
     config::{
-        CheckedConfig, Config, RoleConfig,
+        CheckedConfig, RoleConfig,
         page::{self, PageError},
     },
     facts::Fact,
@@ -244,7 +244,7 @@ impl Pool {
     /// Notes that a board cannot go on; then the simulation cannot either.
     fn stops(&self, board: &Board, error: EmulatorError) {
         let mut journal = self.journal.borrow_mut();
-        journal.failed(board.config.id, &error.to_string());
+        journal.failed(board.config.settings().id, &error.to_string());
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
@@ -312,7 +312,7 @@ impl Pool {
     /// Checks that contents of a flash include the image's memory; otherwise none would ever be found.
     fn looks(&self, board: &Board, contents: &[Contents]) {
         if !contents.is_empty() && memory_in(contents).is_none() {
-            let id = board.config.id;
+            let id = board.config.settings().id;
             self.stops(board, EmulatorError::NoMemory { id });
         }
     }
@@ -351,7 +351,7 @@ impl Pool {
         let Some(board) = self.of(number) else {
             return;
         };
-        let id = board.config.id;
+        let id = board.config.settings().id;
         let note = |what: &str| {
             let mut journal = self.journal.borrow_mut();
             journal.note(id, format_args!("{what}"));
@@ -416,7 +416,7 @@ impl Pool {
 impl Pool {
     /// Takes in a line of the log in which the image says why it cannot go on.
     fn says(&self, board: &Board, line: &str) {
-        let id = board.config.id;
+        let id = board.config.settings().id;
         if let Some(why) = line.strip_prefix("error no configuration: ") {
             let why = why.to_owned();
             self.stops(board, EmulatorError::NoConfiguration { id, why });
@@ -436,7 +436,7 @@ fn carried(
     config: &CheckedConfig,
     step_length: f64,
 ) -> Result<(CheckedConfig, Option<Carrier>), EmulatorError> {
-    let mut written = Config::clone(config);
+    let mut written = config.settings().clone();
     let RoleConfig::Target(target) = &mut written.role else {
         return Ok((config.clone(), None));
     };
@@ -444,7 +444,7 @@ fn carried(
     let carrier = Carrier::new(step_length, sensor.step_length, sensor.hard_iron);
     sensor.step_length = carrier.step_length;
     let checked = written.check().map_err(|error| EmulatorError::Config {
-        id: config.id,
+        id: config.settings().id,
         reason: PageError::Value(error),
     })?;
     Ok((checked, Some(carrier)))
@@ -461,12 +461,12 @@ fn memory_in(contents: &[Contents]) -> Option<&[u8]> {
 
 fn indication(level: u32) -> Indication {
     let [joined, target_seen, calibrated, may_walk] = LAMPS.map(|pin| level >> pin & 1 == 0);
-    Indication {
-        joined,
-        target_seen,
-        calibrated,
-        may_walk,
-    }
+    let mut shown = Indication::default();
+    shown.joined = joined;
+    shown.target_seen = target_seen;
+    shown.calibrated = calibrated;
+    shown.may_walk = may_walk;
+    shown
 }
 
 /// Place where the executor waits for the chips.
@@ -562,7 +562,7 @@ impl Drop for Power<'_> {
 
 impl Board {
     fn number(&self) -> u32 {
-        self.config.id.into()
+        self.config.settings().id.into()
     }
 
     /// Runs the board until this is dropped, which switches it off, or fails.
@@ -578,7 +578,7 @@ impl Board {
             panel,
             seed,
         } = surroundings;
-        let id = self.config.id;
+        let id = self.config.settings().id;
         let mut written = vec![0; page::PAGE_MAX];
         if let Err(reason) = page::encode(&self.config, &mut written) {
             return EmulatorError::Config { id, reason };
@@ -643,7 +643,7 @@ impl Board {
 
     /// Rate of its line.
     fn baud(&self) -> u32 {
-        match &self.config.role {
+        match &self.config.settings().role {
             RoleConfig::Camera(camera) => camera.baud,
             _ => CONSOLE_BAUD,
         }
@@ -651,7 +651,7 @@ impl Board {
 
     /// Pins to which its line is connected, to send and to receive.
     fn uart_pins(&self) -> [u32; 2] {
-        match &self.config.role {
+        match &self.config.settings().role {
             RoleConfig::Coordinator(_) => wires::CONSOLE,
             RoleConfig::Camera(_) | RoleConfig::Target(_) => wires::CAMERA,
         }
@@ -767,7 +767,7 @@ impl Board {
 
     /// Facts that the node's role has written down, in the order of its records.
     pub(in crate::network) fn facts(&self, clock: &Clock) -> Vec<Fact> {
-        memory::facts(&self.memory(), self.config.owner(), clock)
+        memory::facts(&self.memory(), self.config.settings().owner(), clock)
     }
 }
 

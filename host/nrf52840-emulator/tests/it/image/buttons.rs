@@ -1,7 +1,7 @@
 //! The kit's buttons: pins that are connected to ground when pressed.
 
 use cmucam2_emulator::{Extent, Object, Place, Shape};
-use node_firmware::config::{Config, RoleConfig};
+use node_firmware::config::RoleConfig;
 use nrf52840_emulator::Input;
 
 use super::{faults::Site, *};
@@ -27,7 +27,7 @@ fn press(site: &mut Site, number: usize, pin: u32, lasts: u64) {
 fn closed() -> Site {
     let coordinator = || {
         let lab = lab();
-        let mut config = Config::clone(&lab.configs.coordinator);
+        let mut config = lab.configs.coordinator.settings().clone();
         let RoleConfig::Coordinator(role) = &mut config.role else {
             panic!("{config:?}");
         };
@@ -89,7 +89,7 @@ fn a_button_has_a_camera_learn_a_colour() {
         site.run(60 * S);
         let outcome = site.switch_off(1);
         in_order(&outcome);
-        let facts = facts(&outcome, lab.configs.cameras[0].owner());
+        let facts = facts(&outcome, lab.configs.cameras[0].settings().owner());
         facts.iter().any(|fact| matches!(fact, Fact::Colours(_)))
     };
     assert!(!learnt(JOIN_WINDOW));

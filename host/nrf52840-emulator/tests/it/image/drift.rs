@@ -56,7 +56,7 @@ fn walked(drift_ppb: i32, idle: u64) -> f64 {
     }
     let outcome = network.switch_off(1).unwrap().unwrap();
     in_order(&outcome);
-    let facts = facts(&outcome, lab.configs.targets[0].owner());
+    let facts = facts(&outcome, lab.configs.targets[0].settings().owner());
     let walk = facts.iter().find_map(|fact| match fact {
         Fact::Walk(walk) => Some(*walk),
         _ => None,

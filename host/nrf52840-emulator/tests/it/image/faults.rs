@@ -116,7 +116,8 @@ fn attachment(outcome: &Outcome, owner: u32) -> Option<Attachment> {
 /// A coordinator and a camera.
 fn two() -> (Site, [u32; 2]) {
     let lab = lab();
-    let owners = [&lab.configs.coordinator, &lab.configs.cameras[0]].map(|config| config.owner());
+    let owners =
+        [&lab.configs.coordinator, &lab.configs.cameras[0]].map(|config| config.settings().owner());
     let nodes: Vec<Box<dyn Fn() -> Node>> = vec![
         Box::new(|| super::lab().coordinator()),
         Box::new(|| super::lab().camera(0)),
@@ -172,10 +173,10 @@ fn power_may_go_at_any_time() {
     let lab = lab();
     let configs = &lab.configs;
     let owners = [
-        configs.coordinator.owner(),
-        configs.cameras[0].owner(),
-        configs.cameras[1].owner(),
-        configs.targets[0].owner(),
+        configs.coordinator.settings().owner(),
+        configs.cameras[0].settings().owner(),
+        configs.cameras[1].settings().owner(),
+        configs.targets[0].settings().owner(),
     ];
     let nodes: Vec<Box<dyn Fn() -> Node>> = vec![
         Box::new(|| super::lab().coordinator()),

@@ -546,7 +546,7 @@ fn a_target_counts_its_carriers_steps() {
         let target = lab.target_in(&(Arc::new(world) as Arc<dyn World>));
         let (outcomes, _) = run(vec![lab.coordinator(), target], ends, everybody).unwrap();
         outcomes.iter().for_each(in_order);
-        let facts = facts(&outcomes[1], lab.configs.targets[0].owner());
+        let facts = facts(&outcomes[1], lab.configs.targets[0].settings().owner());
         let walk = facts.iter().find_map(|fact| match fact {
             Fact::Walk(walk) => Some(*walk),
             _ => None,

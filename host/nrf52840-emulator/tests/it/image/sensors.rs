@@ -81,7 +81,7 @@ fn led(walker: &Walker, make: impl FnOnce(&Arc<dyn World>) -> Chips) -> [f64; 2]
     };
     let (outcomes, _) = run(vec![lab.coordinator(), target], ends, everybody).unwrap();
     outcomes.iter().for_each(in_order);
-    let facts = facts(&outcomes[1], lab.configs.targets[0].owner());
+    let facts = facts(&outcomes[1], lab.configs.targets[0].settings().owner());
     let walk = facts.iter().find_map(|fact| match fact {
         Fact::Walk(walk) => Some(*walk),
         _ => None,

@@ -223,26 +223,26 @@ impl<'a> Walk<'a> {
         let [scale_sigma, compass_sigma] = self.carrier_sigmas();
         let heading = self.sightings.frame_heading_deg;
         let [position, heading_limit] = LIMITS;
-        JointSettings {
-            scale: Prior {
-                mean: 1.0,
-                sigma: scale_sigma,
-            },
-            compass: Prior {
-                // A way along the x axis of displacements reads zero.
-                mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
-                sigma: heading.map_or(VAGUE, |_| compass_sigma),
-            },
-            standing: self.carrier().standing_sigma,
-            tilt: self.sightings.tilt_sigma_deg.to_radians(),
-            lens: self.sightings.lens.map(|lens| lens.sigma),
-            principal: { self.sightings.lens }.map(|lens| lens.principal_deg.to_radians()),
-            is_baseline_known,
-            limits: Limits {
-                position: position * baseline,
-                heading: heading_limit,
-            },
-        }
+        let mut settings = JointSettings::default();
+        settings.scale = Prior {
+            mean: 1.0,
+            sigma: scale_sigma,
+        };
+        settings.compass = Prior {
+            // A way along the x axis of displacements reads zero.
+            mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
+            sigma: heading.map_or(VAGUE, |_| compass_sigma),
+        };
+        settings.standing = self.carrier().standing_sigma;
+        settings.tilt = self.sightings.tilt_sigma_deg.to_radians();
+        settings.lens = self.sightings.lens.map(|lens| lens.sigma);
+        settings.principal = { self.sightings.lens }.map(|lens| lens.principal_deg.to_radians());
+        settings.is_baseline_known = is_baseline_known;
+        settings.limits = Limits {
+            position: position * baseline,
+            heading: heading_limit,
+        };
+        settings
     }
 
     /// The walk's pieces: their first stops, and whatever comes after the last one.

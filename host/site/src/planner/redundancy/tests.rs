@@ -69,20 +69,18 @@ fn survey(seed: u64, stops: usize) -> Survey {
 /// reference, levels of place and heading, and its covariance; of each bearing its redundancy.
 fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<Matrix3<f64>>, Vec<f64>) {
     let [focal, principal] = survey.told.lens;
-    let settings = JointSettings {
-        scale: Prior {
-            mean: 1.0,
-            sigma: STEPS.scale,
-        },
-        compass: Prior {
-            mean: 0.0,
-            sigma: STEPS.compass,
-        },
-        standing: STANDING,
-        lens: Some(focal),
-        principal: Some(principal),
-        ..JointSettings::default()
+    let mut settings = JointSettings::default();
+    settings.scale = Prior {
+        mean: 1.0,
+        sigma: STEPS.scale,
     };
+    settings.compass = Prior {
+        mean: 0.0,
+        sigma: STEPS.compass,
+    };
+    settings.standing = STANDING;
+    settings.lens = Some(focal);
+    settings.principal = Some(principal);
     let room = Capacity {
         cameras: 6,
         stops: survey.stops.len(),

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use calib_core::dead_reckoning::Step;
-use pedestrian::{HeadingSettings, ImuSample, Pedestrian, PedestrianSettings};
+use pedestrian::{ImuSample, Pedestrian, PedestrianSettings};
 pub(crate) use test_support::walker::{Act, Reading, Walker};
 
 /// A reading as a sample.
@@ -16,13 +16,9 @@ pub(crate) fn sample(reading: &Reading) -> ImuSample<f64> {
 }
 
 pub(crate) fn settings(walker: &Walker) -> PedestrianSettings<f64> {
-    PedestrianSettings {
-        heading: HeadingSettings {
-            magnetic_north: walker.north,
-            ..HeadingSettings::default()
-        },
-        ..PedestrianSettings::default()
-    }
+    let mut settings = PedestrianSettings::default();
+    settings.heading.magnetic_north = walker.north;
+    settings
 }
 
 pub(crate) fn reckon(walker: &Walker, settings: PedestrianSettings<f64>) -> Vec<Step<f64>> {
