@@ -88,10 +88,8 @@
 //! // Two references 10 units apart, another camera, and a carrier that reads 4 % too much.
 //! let cameras = [(0.0, 0.0, 0.8), (10.0, 0.0, 2.3), (5.0, 9.0, 4.7_f64)];
 //! let walk = [(4.0, 3.0), (6.0, 3.5), (5.0, 5.0), (4.0, 4.0), (6.0, 5.0), (3.6, 5.1)];
-//! let settings = JointSettings {
-//!     scale: Prior { mean: 1.0, sigma: 0.08 },
-//!     ..JointSettings::default()
-//! };
+//! let mut settings = JointSettings::default();
+//! settings.scale = Prior { mean: 1.0, sigma: 0.08 };
 //! const ROOM: Capacity = Capacity { cameras: 3, stops: 8, bearings: 32, marks: 0 };
 //! let memory = JointMemory {
 //!     cameras: &mut [Default::default(); 3],
