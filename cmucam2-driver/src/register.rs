@@ -22,25 +22,30 @@ impl Register {
     /// Automatic gain: 33 on, 32 off.
     pub const AUTO_GAIN: Self = Self(19);
 
+    /// This register with a value.
+    pub const fn with(self, value: u8) -> RegisterValue {
+        RegisterValue {
+            register: self,
+            value,
+        }
+    }
+
     /// Automatic gain on or off.
-    pub const fn auto_gain(on: bool) -> (Self, u8) {
-        (Self::AUTO_GAIN, if on { 33 } else { 32 })
+    pub const fn auto_gain(on: bool) -> RegisterValue {
+        Self::AUTO_GAIN.with(if on { 33 } else { 32 })
     }
 
     /// The colour mode with automatic white balance on or off.
-    pub const fn colour_mode(mode: ColourMode, auto_white_balance: bool) -> (Self, u8) {
+    pub const fn colour_mode(mode: ColourMode, auto_white_balance: bool) -> RegisterValue {
         let value = match mode {
             ColourMode::YCrCb => 32,
             ColourMode::Rgb => 40,
         };
-        (
-            Self::COLOUR_MODE,
-            if auto_white_balance { value + 4 } else { value },
-        )
+        Self::COLOUR_MODE.with(if auto_white_balance { value + 4 } else { value })
     }
 
     /// The clock divider for a frame rate.
-    pub const fn frame_rate(rate: FrameRate) -> (Self, u8) {
+    pub const fn frame_rate(rate: FrameRate) -> RegisterValue {
         let divider = match rate {
             FrameRate::Fps50 => 0,
             FrameRate::Fps26 => 1,
@@ -53,7 +58,23 @@ impl Register {
             FrameRate::Fps6 => 8,
             FrameRate::Fps5 => 10,
         };
-        (Self::CLOCK, divider)
+        Self::CLOCK.with(divider)
+    }
+}
+
+/// A register and its value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RegisterValue {
+    /// The register.
+    pub register: Register,
+    /// 0 to 255; the register gives it a meaning.
+    pub value: u8,
+}
+
+impl RegisterValue {
+    const fn bytes(self) -> [u8; 2] {
+        [self.register.0, self.value]
     }
 }
 
@@ -105,26 +126,26 @@ impl Registers {
 
     /// # Errors
     /// More than [`PAIRS_MAX`] pairs.
-    pub fn new(pairs: &[(Register, u8)]) -> Result<Self, ArgumentError> {
+    pub fn new(values: &[RegisterValue]) -> Result<Self, ArgumentError> {
         let mut all = Self::DEFAULTS;
-        for &(register, value) in pairs {
-            all.push(register, value)?;
+        for &value in values {
+            all.push(value)?;
         }
         Ok(all)
     }
 
     /// A single register with its value.
-    pub const fn one(pair: (Register, u8)) -> Self {
+    pub const fn one(value: RegisterValue) -> Self {
         let mut pairs = [[0; 2]; PAIRS_MAX];
-        pairs[0] = [pair.0.0, pair.1];
+        pairs[0] = value.bytes();
         Self { pairs, len: 1 }
     }
 
     /// Two registers with their values, in this order.
-    pub const fn two(first: (Register, u8), second: (Register, u8)) -> Self {
+    pub const fn two(first: RegisterValue, second: RegisterValue) -> Self {
         let mut pairs = [[0; 2]; PAIRS_MAX];
-        pairs[0] = [first.0.0, first.1];
-        pairs[1] = [second.0.0, second.1];
+        pairs[0] = first.bytes();
+        pairs[1] = second.bytes();
         Self { pairs, len: 2 }
     }
 
@@ -132,12 +153,12 @@ impl Registers {
     ///
     /// # Errors
     /// There are [`PAIRS_MAX`] already.
-    pub fn push(&mut self, register: Register, value: u8) -> Result<(), ArgumentError> {
+    pub fn push(&mut self, value: RegisterValue) -> Result<(), ArgumentError> {
         let free = self
             .pairs
             .get_mut(usize::from(self.len))
             .ok_or(ArgumentError::Registers)?;
-        *free = [register.0, value];
+        *free = value.bytes();
         self.len += 1;
         Ok(())
     }
@@ -148,11 +169,11 @@ impl Registers {
     }
 
     /// The pairs in the order in which they are written.
-    pub fn iter(&self) -> impl Iterator<Item = (Register, u8)> + '_ {
+    pub fn iter(&self) -> impl Iterator<Item = RegisterValue> + '_ {
         self.pairs
             .iter()
             .take(usize::from(self.len))
-            .map(|&[register, value]| (Register(register), value))
+            .map(|&[register, value]| Register(register).with(value))
     }
 
     /// The same as the arguments of `CR`.

@@ -110,6 +110,8 @@ pub struct Peripherals<H: Hardware> {
     pub observer: H::Observer,
     /// Random, another one at each start. A node that remembers nothing draws its extended address from it,
     /// so a value that comes twice may repeat nonces: on a board, 64 bits of a true random number generator.
+    /// The link's waiting times and a target's first stop number come from it, too; none of these is a secret. A
+    /// radio that draws waiting times itself ([`Csma`](zigbee_link::radio::Csma)) takes another number.
     pub seed: u64,
 }
 

@@ -148,7 +148,7 @@ fn the_whole_command_set_is_there() {
 
 #[test]
 fn what_the_camera_has_no_meaning_for_cannot_be_made() {
-    let six = [(Register(1), 1); 6];
+    let six = [Register(1).with(1); 6];
     for (made, error) in [
         (
             ColourBounds::new([50, 40, 16, 240, 16, 240]).err(),

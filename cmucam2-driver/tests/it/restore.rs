@@ -80,7 +80,7 @@ fn modes() -> Vec<Command> {
 
 fn registers(numbers: std::ops::Range<u8>) -> Registers {
     let pairs: Vec<_> = numbers
-        .map(|number| (Register(number), number + 100))
+        .map(|number| Register(number).with(number + 100))
         .collect();
     Registers::new(&pairs).unwrap()
 }

@@ -2,7 +2,10 @@
 
 use core::fmt;
 
-use super::{property::PropertyKey, status::SpinelStatus};
+use super::{
+    property::{PropertyKey, ProtocolVersion},
+    status::SpinelStatus,
+};
 
 /// Reason why a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,12 +22,7 @@ pub enum RcpFault {
     /// The co-processor restarts again and again.
     Restarting,
     /// It speaks another version of the protocol than 4.
-    Version {
-        /// Changes when the protocol becomes another one.
-        major: u32,
-        /// Changes when something is added.
-        minor: u32,
-    },
+    Version(ProtocolVersion),
     /// It is no radio co-processor.
     NoRadio,
     /// It refuses a property, or to tell or to take it.
@@ -43,8 +41,8 @@ impl fmt::Display for RcpFault {
             Self::FrameLength => f.write_str("the frame is too short or too long"),
             Self::Silent => f.write_str("the co-processor does not answer"),
             Self::Restarting => f.write_str("the co-processor restarts again and again"),
-            Self::Version { major, minor } => {
-                write!(f, "the co-processor speaks Spinel {major}.{minor}, not 4")
+            Self::Version(version) => {
+                write!(f, "the co-processor speaks Spinel {version}, not 4")
             }
             Self::NoRadio => f.write_str("the co-processor gives no access to its radio"),
             Self::Refused { key, status } => {

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::property::{Capabilities, Property};
+use super::property::{Capabilities, Property, ProtocolVersion};
 use zigbee_link::wire::Eui64;
 
 const FIRMWARE_MAX: usize = 64;
@@ -11,8 +11,8 @@ const FIRMWARE_MAX: usize = 64;
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
-    /// Version of the protocol, major and minor.
-    pub protocol: (u32, u32),
+    /// Version of the protocol.
+    pub protocol: ProtocolVersion,
     /// True if it sends and receives raw frames for a host.
     pub is_radio: bool,
     /// Its extended address from the factory.
@@ -22,7 +22,7 @@ pub struct Identity {
 
 impl Identity {
     pub(crate) const UNKNOWN: Self = Self {
-        protocol: (0, 0),
+        protocol: ProtocolVersion { major: 0, minor: 0 },
         is_radio: false,
         address: Eui64([0; 8]),
         firmware: Vec::new(),
@@ -36,7 +36,7 @@ impl Identity {
     /// Takes the property of an answer.
     pub(crate) fn learn(&mut self, property: &Property<'_>) {
         match *property {
-            Property::ProtocolVersion { major, minor } => self.protocol = (major, minor),
+            Property::ProtocolVersion(version) => self.protocol = version,
             Property::Capabilities(capabilities) => {
                 self.is_radio = capabilities.contains(Capabilities::MAC_RAW);
             }

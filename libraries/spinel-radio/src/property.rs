@@ -1,5 +1,7 @@
 //! Properties of a co-processor and their values.
 
+use core::fmt;
+
 use super::{
     frame::{read_packed, write_packed},
     status::SpinelStatus,
@@ -94,6 +96,22 @@ pub struct TxReport<'a> {
     pub acknowledgement: Option<RxFrame<'a>>,
 }
 
+/// Version of the protocol that a co-processor speaks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ProtocolVersion {
+    /// Changes when the protocol becomes another one. 4 is OpenThread's.
+    pub major: u32,
+    /// Changes when something is added.
+    pub minor: u32,
+}
+
+impl fmt::Display for ProtocolVersion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.major, self.minor)
+    }
+}
+
 /// A property and its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -102,12 +120,7 @@ pub enum Property<'a> {
     /// [`PropertyKey::LAST_STATUS`]; with a report if it is the result of a transmission.
     LastStatus(SpinelStatus, Option<TxReport<'a>>),
     /// [`PropertyKey::PROTOCOL_VERSION`].
-    ProtocolVersion {
-        /// Changes when the protocol becomes another one. 4 is OpenThread's.
-        major: u32,
-        /// Changes when something is added.
-        minor: u32,
-    },
+    ProtocolVersion(ProtocolVersion),
     /// [`PropertyKey::NCP_VERSION`], UTF-8 without the zero at its end.
     NcpVersion(&'a [u8]),
     /// [`PropertyKey::CAPS`].
@@ -145,7 +158,7 @@ impl<'a> Property<'a> {
     pub const fn key(&self) -> PropertyKey {
         match self {
             Self::LastStatus(..) => PropertyKey::LAST_STATUS,
-            Self::ProtocolVersion { .. } => PropertyKey::PROTOCOL_VERSION,
+            Self::ProtocolVersion(_) => PropertyKey::PROTOCOL_VERSION,
             Self::NcpVersion(_) => PropertyKey::NCP_VERSION,
             Self::Capabilities(_) => PropertyKey::CAPS,
             Self::HardwareAddress(_) => PropertyKey::HWADDR,
@@ -192,10 +205,10 @@ impl<'a> Property<'a> {
                 };
                 Self::LastStatus(status, report)
             }
-            PropertyKey::PROTOCOL_VERSION => Self::ProtocolVersion {
+            PropertyKey::PROTOCOL_VERSION => Self::ProtocolVersion(ProtocolVersion {
                 major: read_packed(reader)?,
                 minor: read_packed(reader)?,
-            },
+            }),
             PropertyKey::NCP_VERSION => {
                 let text = reader.rest().split(|&byte| byte == 0).next();
                 Self::NcpVersion(text.unwrap_or_default())
@@ -227,7 +240,7 @@ impl<'a> Property<'a> {
                 write_packed(writer, status.0)?;
                 report.as_ref().map_or(Ok(()), |report| report.emit(writer))
             }
-            Self::ProtocolVersion { major, minor } => {
+            Self::ProtocolVersion(ProtocolVersion { major, minor }) => {
                 write_packed(writer, major)?;
                 write_packed(writer, minor)
             }

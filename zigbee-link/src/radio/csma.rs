@@ -24,7 +24,7 @@ pub struct Csma<R, D> {
 }
 
 impl<R, D> Csma<R, D> {
-    /// Over this radio. `seed` should differ between nodes.
+    /// Over this radio. `seed` should differ between nodes, and from that of the [network](crate::network::NetworkSettings).
     pub const fn new(radio: R, delay: D, seed: u64) -> Self {
         Self {
             radio,

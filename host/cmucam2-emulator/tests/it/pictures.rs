@@ -452,13 +452,13 @@ fn freezing_gain_and_white_balance_matters() {
     };
     let target = |link: &Link| i16::from(link.camera.picture(link.now())[60][40].green);
     let mut link = driver(Configuration::default(), dim());
-    let on = Registers::two(Register::auto_gain(true), (Register::COLOUR_MODE, 44));
+    let on = Registers::two(Register::auto_gain(true), Register::COLOUR_MODE.with(44));
     command(&mut link, Command::Registers(on)).unwrap();
     let first = target(&link);
     link.pass(10 * SECOND);
     let adapted = target(&link);
     assert!(adapted > first + 10, "{first} {adapted}");
-    let off = Registers::two(Register::auto_gain(false), (Register::COLOUR_MODE, 40));
+    let off = Registers::two(Register::auto_gain(false), Register::COLOUR_MODE.with(40));
     command(&mut link, Command::Registers(off)).unwrap();
     let frozen = target(&link);
     // The blinds open: an adapting camera would follow.

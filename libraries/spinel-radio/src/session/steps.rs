@@ -172,10 +172,10 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
                 if QUESTIONS.get(usize::from(index)) != Some(&key) {
                     return;
                 }
-                let (major, minor) = self.identity.protocol;
+                let version = self.identity.protocol;
                 match key {
-                    PropertyKey::PROTOCOL_VERSION if major != MAJOR => {
-                        self.fail(RcpFault::Version { major, minor });
+                    PropertyKey::PROTOCOL_VERSION if version.major != MAJOR => {
+                        self.fail(RcpFault::Version(version));
                     }
                     PropertyKey::CAPS if !self.identity.is_radio => self.fail(RcpFault::NoRadio),
                     _ if usize::from(index) + 1 < QUESTIONS.len() => {

@@ -4,7 +4,7 @@ use proptest::{collection::vec, option, prelude::*};
 use spinel_radio::{
     frame::{Body, Reset, SpinelHeader, SpinelMessage, Tid},
     hdlc,
-    property::{Capabilities, Promiscuity, Property, PropertyKey, TxReport},
+    property::{Capabilities, Promiscuity, Property, PropertyKey, ProtocolVersion, TxReport},
     status::SpinelStatus,
     stream::{RxFrame, TxFrame},
 };
@@ -50,7 +50,10 @@ fn recorded_answers() {
     assert!(SpinelStatus(112).is_reset());
     assert_golden(
         "82 06 01 04 03",
-        &is(2, Property::ProtocolVersion { major: 4, minor: 3 }),
+        &is(
+            2,
+            Property::ProtocolVersion(ProtocolVersion { major: 4, minor: 3 }),
+        ),
     );
     let capabilities = [0x05, 0x0C, 0x18, 0x22, 0x81, 0x04, 0x40, 0x41];
     let property = Property::Capabilities(Capabilities(&capabilities));
@@ -325,8 +328,9 @@ fn body() -> impl Strategy<Value = Body<'static>> {
         (0..PACKED, option::of(report)).prop_map(|(status, report)| Body::Is(
             Property::LastStatus(SpinelStatus(status), report)
         )),
-        (0..PACKED, 0..PACKED)
-            .prop_map(|(major, minor)| Body::Is(Property::ProtocolVersion { major, minor })),
+        (0..PACKED, 0..PACKED).prop_map(|(major, minor)| Body::Is(Property::ProtocolVersion(
+            ProtocolVersion { major, minor }
+        ))),
         (0..127_usize).prop_map(|len| Body::Is(Property::NcpVersion(&PSDU[..len]))),
         (0..127_usize).prop_map(|len| Body::Is(Property::Capabilities(Capabilities(&PSDU[..len])))),
         any::<[u8; 8]>().prop_map(|eui| Body::Is(Property::HardwareAddress(Eui64(eui)))),

@@ -18,7 +18,7 @@ use spinel_radio::{
     RcpError, RcpFault, RcpPolicy, SpinelRadio,
     frame::{Body, SpinelHeader, SpinelMessage, Tid},
     hdlc,
-    property::{Property, PropertyKey},
+    property::{Property, PropertyKey, ProtocolVersion},
     status::SpinelStatus,
     stream::TxFrame,
 };
@@ -135,7 +135,7 @@ fn tells_who_it_is() {
     assert_eq!(node.radio.session().identity(), None);
     node.configure(&config(2));
     let identity = node.radio.session().identity().unwrap();
-    assert_eq!(identity.protocol, (4, 3));
+    assert_eq!(identity.protocol, ProtocolVersion { major: 4, minor: 3 });
     assert!(identity.is_radio);
     // The simulation's own addresses: its OUI and the number of the node.
     assert_eq!(identity.address, Eui64([0x18, 0xB4, 0x30, 0, 0, 0, 0, 2]));

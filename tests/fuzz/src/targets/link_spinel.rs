@@ -8,7 +8,7 @@ use spinel_radio::{
     RcpPolicy,
     frame::{Body, SpinelMessage},
     hdlc,
-    property::{Capabilities, Property, PropertyKey},
+    property::{Capabilities, Property, PropertyKey, ProtocolVersion},
     session::{RcpOutcome, RcpRequest, RcpSession},
     status::SpinelStatus,
 };
@@ -129,7 +129,7 @@ fn answer(message: &SpinelMessage<'_>) -> Vec<u8> {
     let property = match message.body {
         Body::Reset(_) => Property::LastStatus(SpinelStatus::RESET_POWER_ON, None),
         Body::Get(PropertyKey::PROTOCOL_VERSION) => {
-            Property::ProtocolVersion { major: 4, minor: 3 }
+            Property::ProtocolVersion(ProtocolVersion { major: 4, minor: 3 })
         }
         Body::Get(PropertyKey::CAPS) => Property::Capabilities(Capabilities(&[0x81, 0x04])),
         Body::Get(PropertyKey::HWADDR) => Property::HardwareAddress(Eui64([2; 8])),

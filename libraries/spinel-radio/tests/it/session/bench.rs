@@ -4,7 +4,7 @@ use spinel_radio::{
     RcpFault, RcpPolicy,
     frame::{Body, SpinelHeader, SpinelMessage, Tid},
     hdlc,
-    property::{Capabilities, Property, PropertyKey, TxReport},
+    property::{Capabilities, Property, PropertyKey, ProtocolVersion, TxReport},
     session::{RcpOutcome, RcpRequest, RcpSession},
     status::SpinelStatus,
     stream::RxFrame,
@@ -154,9 +154,10 @@ pub(crate) fn works(message: &SpinelMessage<'_>) -> Vec<u8> {
     let tid = message.header.tid;
     match message.body {
         Body::Reset(_) => restart(),
-        Body::Get(PropertyKey::PROTOCOL_VERSION) => {
-            line(tid, Property::ProtocolVersion { major: 4, minor: 3 })
-        }
+        Body::Get(PropertyKey::PROTOCOL_VERSION) => line(
+            tid,
+            Property::ProtocolVersion(ProtocolVersion { major: 4, minor: 3 }),
+        ),
         // 513 is 0x81, 0x04.
         Body::Get(PropertyKey::CAPS) => {
             line(tid, Property::Capabilities(Capabilities(&[5, 0x81, 0x04])))

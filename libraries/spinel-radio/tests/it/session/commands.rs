@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use spinel_radio::{
     RcpFault,
     frame::{Body, SpinelMessage},
-    property::{Capabilities, Property, PropertyKey},
+    property::{Capabilities, Property, PropertyKey, ProtocolVersion},
     session::{RcpOutcome, RcpRequest},
     status::SpinelStatus,
 };
@@ -176,12 +176,12 @@ fn busy_is_asked_again_after_a_pause() {
 fn only_a_radio_of_this_protocol() {
     let other = |message: &SpinelMessage<'_>| match message.body {
         Body::Get(PropertyKey::PROTOCOL_VERSION) => {
-            let version = Property::ProtocolVersion { major: 5, minor: 0 };
+            let version = Property::ProtocolVersion(ProtocolVersion { major: 5, minor: 0 });
             line(message.header.tid, version)
         }
         _ => works(message),
     };
-    let fault = RcpFault::Version { major: 5, minor: 0 };
+    let fault = RcpFault::Version(ProtocolVersion { major: 5, minor: 0 });
     assert_eq!(
         Bench::new().run(RcpRequest::Configure(CONFIG), other),
         Err(fault)
