@@ -16,9 +16,9 @@ use spinel_radio::{
     stream::RxFrame,
 };
 use zigbee_link::{
+    Instant,
     radio::{Channel, PSDU_MAX, Radio, RadioConfig},
     runner::Clock,
-    time::Instant,
     wire::{Eui64, PanId, ShortAddress},
 };
 
@@ -121,7 +121,7 @@ impl Clock for Still {
     }
 
     async fn sleep_until(&self, _: Instant) {
-        pending().await
+        pending::<()>().await;
     }
 }
 
