@@ -6,8 +6,5 @@ use embassy_nrf::{Peri, peripherals, rng::Rng};
 pub(crate) fn random(generator: Peri<'static, peripherals::RNG>) -> [u64; 2] {
     let mut generator = Rng::new_blocking(generator);
     generator.set_bias_correction(true);
-    [
-        generator.blocking_next_u64(),
-        generator.blocking_next_u64(),
-    ]
+    [generator.blocking_next_u64(), generator.blocking_next_u64()]
 }
