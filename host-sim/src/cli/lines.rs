@@ -233,7 +233,12 @@ impl Lines {
         site: Option<&Scenario>,
     ) -> anyhow::Result<RunRecord> {
         if let [line] = &self.all[..] {
-            return Ok(record(&line.session, now, site)?.1);
+            let (number, record) = record(&line.session, now, site)?;
+            // Of several networks of a site, the coordinators of the others may be told of elsewhere.
+            let number = number.unwrap_or(1);
+            line.network.set(number);
+            return RunRecord::joined([(number, record)])
+                .ok_or_else(|| anyhow!("there is no network"));
         }
         let mut parts = Vec::new();
         for (line, ordinal) in self.all.iter().zip(1..) {
