@@ -88,7 +88,7 @@ impl Reader {
         &self.topic
     }
 
-    /// What was heard since the last call.
+    /// All that was heard since the last call.
     pub fn heard(&self) -> impl Iterator<Item = Heard> {
         self.heard.try_iter()
     }
