@@ -210,6 +210,12 @@ impl Lines {
         self.all.iter().any(|line| line.session.has_answered())
     }
 
+    /// Returns true if a coordinator has answered, and all that have are at the end of their lists of members.
+    pub(super) fn are_listed(&self, now: Duration) -> bool {
+        let mut answered = self.all.iter().filter(|line| line.session.has_answered());
+        self.have_answered() && answered.all(|line| line.session.is_settled(now))
+    }
+
     /// Fails if a coordinator never answered, and tells why that may be.
     pub(super) fn check_answered(&self) -> anyhow::Result<()> {
         match self.all.iter().find(|line| !line.session.has_answered()) {

@@ -182,7 +182,12 @@ impl Audience {
     fn tell(&self, events: impl IntoIterator<Item = Event>) {
         match self {
             Self::Page(server) => server.tell(events),
-            Self::Broker(publisher) => publisher.tell(events),
+            Self::Broker(publisher) => publisher.tell(events.into_iter().inspect(|event| {
+                // No page shows them where it runs.
+                if let What::Said { node: None, words } = &event.what {
+                    tell(words);
+                }
+            })),
         }
     }
 }

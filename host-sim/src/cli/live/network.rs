@@ -62,11 +62,14 @@ pub(super) fn run(
     };
     let begin = Instant::now();
     let mut looked = None;
+    // At a broker, what was told before a restart stays until the members are known again.
+    let mut is_known = matches!(networks.audience, Audience::Page(_));
     while !interrupted.load(Ordering::Relaxed) {
         let now = begin.elapsed();
         networks.exchange(now);
         networks.take(now);
-        if looked.is_none_or(|at| now.saturating_sub(at) >= LOOKS) {
+        is_known |= networks.lines.are_listed(now);
+        if is_known && looked.is_none_or(|at| now.saturating_sub(at) >= LOOKS) {
             looked = Some(now);
             networks.look(now);
         }

@@ -9,6 +9,10 @@ use std::{
     net::{TcpListener, TcpStream},
     path::Path,
     process::{Child, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     thread,
     time::{Duration, Instant},
 };
@@ -20,7 +24,7 @@ use host_sim::{
 };
 use results::record::{
     RunRecord,
-    event::{Event, Looker, What},
+    event::{self, Event, Looker, What},
     part::Part,
 };
 use site::{Overrides, Scenario};
@@ -32,6 +36,8 @@ const CAMERAS: usize = 1_000;
 const NETWORKS: usize = 40;
 /// Times real time.
 const SPEED: f64 = 20.0;
+/// So much of the run is told, simulated seconds: by then many cameras are calibrated.
+const SECONDS: f64 = 600.0;
 /// Time between two looks at a network, simulated seconds.
 const LOOK: f64 = 0.2;
 /// Time after which nothing more is expected.
@@ -168,12 +174,25 @@ fn simulated() -> anyhow::Result<(Vec<Event>, RunRecord)> {
         CAMERAS / NETWORKS
     );
     let scenario = Scenario::from_toml(&text, &overrides)?;
-    let mut simulation = Simulation::new(scenario, Options::default())?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let options = Options {
+        stop: stop.clone(),
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options)?;
     simulation.watch();
     let mut onlooker = Onlooker::default();
     let mut events = Vec::new();
     let every = (LOOK * 1e9) as u64;
-    let record = simulation.run_watched(every, |_| (), |now| events.extend(onlooker.look(now)));
+    simulation.run_watched(
+        every,
+        |_| (),
+        |now| {
+            events.extend(onlooker.look(now));
+            stop.store(now.seconds() >= SECONDS, Ordering::Relaxed);
+        },
+    );
+    let record = event::fold(&events).context("a run has a record")?;
     Ok((events, record))
 }
 
@@ -214,38 +233,28 @@ impl Network {
 
     /// Takes in an event of the network that it concerns.
     fn take(all: &mut BTreeMap<u16, Self>, event: Event) {
-        let by_node = |id: u16| {
-            let has = |own: &&mut Self| own.record.nodes.iter().any(|node| node.id == id);
-            all.values_mut().find(has)
+        let of_node = |id: u16| {
+            let has = |own: &Self| own.record.nodes.iter().any(|node| node.id == id);
+            let mut networks = all.iter();
+            networks
+                .find(|(_, own)| has(own))
+                .map(|(number, _)| *number)
         };
-        match &event.what {
-            What::Node { is, .. } => {
-                if let Some(own) = all.get_mut(&is.network) {
-                    own.record.apply(&event);
-                }
-            }
-            What::Target { is } => {
-                if let Some(own) = all.get_mut(&is.network) {
-                    own.record.apply(&event);
-                }
-            }
-            What::Network { is } => {
-                if let Some(own) = all.get_mut(&is.network) {
-                    own.record.apply(&event);
-                }
-            }
-            What::Stop { target, .. } => {
-                if let Some(own) = by_node(*target) {
-                    own.record.apply(&event);
-                }
-            }
-            What::Seen { node, .. } => {
-                if let Some(own) = by_node(*node) {
-                    own.publisher.tell([event]);
-                }
-            }
+        let number = match &event.what {
+            What::Node { is, .. } => Some(is.network),
+            What::Target { is } => Some(is.network),
+            What::Network { is } => Some(is.network),
+            What::Stop { target, .. } => of_node(*target),
+            What::Seen { node, .. } => of_node(*node),
             // A real network does not tell these, and each publisher finds its own verdict.
-            _ => {}
+            _ => None,
+        };
+        let Some(own) = number.and_then(|number| all.get_mut(&number)) else {
+            return;
+        };
+        match event.what {
+            What::Seen { .. } => own.publisher.tell([event]),
+            _ => own.record.apply(&event),
         }
     }
 
@@ -268,6 +277,7 @@ impl Page {
             .and_then(|told| told.split_once("/#"))
             .context("no address")?;
         let mut stream = TcpStream::connect(address)?;
+        stream.set_read_timeout(Some(HANGS))?;
         write!(
             stream,
             "GET /events?token={token} HTTP/1.0\r\nHost: {address}\r\n\r\n"
