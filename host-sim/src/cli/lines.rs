@@ -210,6 +210,12 @@ impl Lines {
         self.all.iter().any(|line| line.session.has_answered())
     }
 
+    /// Returns true if a coordinator has answered, and all that have are at the end of their lists of members.
+    pub(super) fn are_listed(&self, now: Duration) -> bool {
+        let mut answered = self.all.iter().filter(|line| line.session.has_answered());
+        self.have_answered() && answered.all(|line| line.session.is_settled(now))
+    }
+
     /// Fails if a coordinator never answered, and tells why that may be.
     pub(super) fn check_answered(&self) -> anyhow::Result<()> {
         match self.all.iter().find(|line| !line.session.has_answered()) {
@@ -233,7 +239,12 @@ impl Lines {
         site: Option<&Scenario>,
     ) -> anyhow::Result<RunRecord> {
         if let [line] = &self.all[..] {
-            return Ok(record(&line.session, now, site)?.1);
+            let (number, record) = record(&line.session, now, site)?;
+            // Of several networks of a site, the coordinators of the others may be told of elsewhere.
+            let number = number.unwrap_or(1);
+            line.network.set(number);
+            return RunRecord::joined([(number, record)])
+                .ok_or_else(|| anyhow!("there is no network"));
         }
         let mut parts = Vec::new();
         for (line, ordinal) in self.all.iter().zip(1..) {

@@ -28,6 +28,7 @@ mod messages;
 mod probe;
 mod provision;
 mod pseudo_terminal;
+mod publish;
 mod report;
 mod run;
 mod run_outputs;
@@ -60,6 +61,7 @@ enum Command {
     Live(live::Arguments),
     Probe(probe::Arguments),
     Provision(Box<provision::Arguments>),
+    Publish(publish::Arguments),
     Report(report::Arguments),
     Run(Box<run::Arguments>),
     Solve(solve::Arguments),
@@ -79,6 +81,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Live(arguments) => live::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Provision(arguments) => provision::run(&arguments),
+        Command::Publish(arguments) => publish::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),

@@ -42,7 +42,7 @@ use super::{
 };
 
 /// Command of a user at the page.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Command {
     /// Time stands still; simulations only, as the next ones.

@@ -57,6 +57,8 @@ enum Topic {
     Track,
     /// Speed and memory with many nodes, and networks solved again: minutes, and Linux only.
     Scale,
+    /// A thousand cameras that forty publishers tell a broker, shown by one page: minutes, Linux and mosquitto only.
+    Broker,
     /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
     /// explain.
     Brief,
@@ -84,6 +86,7 @@ fn main() -> anyhow::Result<ExitCode> {
             Topic::Building => building::run(&mut sheet)?,
             Topic::Track => track::run(&mut sheet)?,
             Topic::Scale => scale::run(&mut sheet)?,
+            Topic::Broker => scale::broker::run(&mut sheet)?,
             Topic::Brief => {
                 recorded::run(&mut sheet, true)?;
                 stage::run(&mut sheet, true)?;

@@ -1,4 +1,4 @@
-//! Tests against programs of other projects: tshark, Firefox, and two that are built from source. They take as
+//! Tests against programs of other projects: tshark, mosquitto, Firefox, and two that are built from source. They take as
 //! long as it really does, as a camera on a port does.
 //!
 //! `ot-rcp` is OpenThread's radio co-processor, here its simulation for a computer: it speaks
@@ -30,10 +30,11 @@ const fn suite(package: &'static str, module: &'static str) -> Suite {
     Suite { package, module }
 }
 
-pub(crate) const SUITES: [Suite; 4] = [
+pub(crate) const SUITES: [Suite; 5] = [
     suite("spinel-radio", "ot_rcp"),
     suite("host-sim", "real_time"),
     suite("host-sim", "decryption"),
+    suite("host-sim", "live::mqtt"),
     suite("zigbee-link", "capture"),
 ];
 

@@ -12,7 +12,7 @@ use crate::publish::OTHER_TARGETS;
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
 /// Programs that tests run, and the Debian packages they come in.
-const PROGRAMS: [(&str, &str); 10] = [
+const PROGRAMS: [(&str, &str); 13] = [
     ("gdb-multiarch", "gdb-multiarch"),
     ("qemu-system-arm", "qemu-system-arm"),
     ("tshark", "tshark"),
@@ -23,6 +23,10 @@ const PROGRAMS: [(&str, &str); 10] = [
     ("chromium", "chromium"),
     ("chromedriver", "chromium-driver"),
     ("valgrind", "valgrind"),
+    // The broker itself is where only root looks for programs.
+    ("mosquitto_passwd", "mosquitto"),
+    ("mosquitto_sub", "mosquitto-clients"),
+    ("openssl", "openssl"),
 ];
 
 /// The other browser, which only the stages of the night ask for.

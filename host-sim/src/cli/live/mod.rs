@@ -1,12 +1,14 @@
 //! `host-sim live`
 
 use std::{
+    env,
     fs::File,
     io::{BufRead, BufReader},
     net::{IpAddr, Ipv4Addr, SocketAddr},
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command as Process, ExitCode, Stdio},
     sync::{
+        Arc,
         atomic::{AtomicBool, Ordering},
         mpsc::Receiver,
     },
@@ -14,15 +16,19 @@ use std::{
     time::Duration,
 };
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
-use host_sim::live::{About, Command, Server, serve};
+use host_sim::{
+    live::{About, Command, Server, serve},
+    mqtt::{Broker, Publisher, Reader},
+};
 use node_firmware::limits::CONSOLE_BAUD;
 use results::record::event::{self, CommandState, Event, What};
 use site::BUILT_IN;
 
-use super::{interrupt, print, tell, values};
+use super::{file_name, interrupt, print, tell, values, whole_file};
 
+mod broker;
 mod network;
 mod simulation;
 
@@ -33,11 +39,61 @@ mod simulation;
 #[derive(Args)]
 #[command(after_help = EPILOGUE)]
 pub(super) struct Arguments {
+    #[command(flatten)]
+    source: SourceOptions,
+    /// A broker and the topic of a site there, such as `mqtt://user@host:1883/building`, instead: the networks that
+    /// `host-sim publish` tells there are shown as one. `mqtts://` is with TLS.
+    #[arg(long, value_name = "URL", conflicts_with_all = ["source", "port"])]
+    mqtt: Option<String>,
+    #[command(flatten)]
+    credentials: Credentials,
+    #[command(flatten)]
+    serve: ServeOptions,
+}
+
+/// Credentials for a broker.
+#[derive(Args)]
+pub(super) struct Credentials {
+    /// A file whose first line is the password for --mqtt. Default: what `MQTT_PASSWORD` says in the environment.
+    #[arg(long, value_name = "FILE", requires = "mqtt")]
+    password_file: Option<PathBuf>,
+    /// The certificates of the authorities that are trusted, PEM, with mqtts://. Default: those of the system.
+    #[arg(long, value_name = "FILE", requires = "mqtt")]
+    ca: Option<PathBuf>,
+}
+
+/// Longest password or certificate file, bytes.
+const CREDENTIALS_MAX: u64 = 1 << 20;
+
+impl Credentials {
+    /// The broker of a URL, with these credentials.
+    pub(super) fn broker(&self, url: &str) -> anyhow::Result<Broker> {
+        let mut broker = Broker::parse(url)?;
+        if let Some(path) = &self.password_file {
+            let text = whole_file::read(path, CREDENTIALS_MAX)?;
+            let password = text.lines().next().unwrap_or_default();
+            ensure!(
+                !password.is_empty(),
+                "{} has no password in its first line",
+                file_name(path)
+            );
+            broker = broker.with_password(password.to_owned());
+        } else if let Ok(password) = env::var("MQTT_PASSWORD") {
+            broker = broker.with_password(password);
+        }
+        if let Some(path) = &self.ca {
+            let text = whole_file::read(path, CREDENTIALS_MAX)?;
+            broker = broker.with_authorities(text.into_bytes());
+        }
+        Ok(broker)
+    }
+}
+
+/// Source of the events.
+#[derive(Args)]
+pub(super) struct SourceOptions {
     /// `thesis-13`, `lab`, `grid`, `office`, the file of a site, or the events that `--events` wrote.
-    #[arg(
-        value_name = "SCENARIO|FILE.toml|EVENTS",
-        required_unless_present = "port"
-    )]
+    #[arg(value_name = "SCENARIO|FILE.toml|EVENTS")]
     source: Option<String>,
     /// The serial port of a coordinator, such as /dev/ttyACM0, instead. Of a site with several networks, those of
     /// all coordinators: they are shown as one.
@@ -65,8 +121,6 @@ pub(super) struct Arguments {
     /// A simulated target goes on as the verdict asks, with at most so many further stops.
     #[arg(long, value_name = "N", value_parser = values::count, default_value_t = 0)]
     further_stops: usize,
-    #[command(flatten)]
-    serve: ServeOptions,
 }
 
 /// Address at which a page is served.
@@ -95,39 +149,87 @@ Examples:
   host-sim live thesis-13 --open
   host-sim live --port /dev/ttyACM0 --site office.toml
   host-sim live --port /dev/ttyACM0 --port /dev/ttyACM1 --site building.toml
+  host-sim live --mqtt mqtt://me@192.168.1.5/building        what `host-sim publish` tells elsewhere
   host-sim live --listen 192.168.1.7 --port /dev/ttyACM0      for the phone in the carrier's hand
 
 Exit codes:
   0  Ctrl-C
-  2  wrong options, or a file, the port or the address is not to be had";
+  2  wrong options, or a file, the port, the broker or the address is not to be had";
 
 /// Time for which a quiet line, or a paused simulation, is left alone.
 const POLL: Duration = Duration::from_millis(10);
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let interrupted = interrupt::watch()?;
-    match &arguments.source {
-        _ if !arguments.port.is_empty() => network::run(arguments, &interrupted)?,
-        None => bail!("a scenario, a file of events, or --port is needed"),
-        Some(source) if is_events(source) => {
-            let file = File::open(source).with_context(|| format!("{source} cannot be read"))?;
-            let events = event::read(BufReader::new(file));
-            let events = events.with_context(|| format!("{source} cannot be used"))?;
-            let (server, commands) = start(arguments, source, "recorded")?;
-            server.tell(events);
-            wait(&server, &commands, &interrupted);
+    let begins = |about| start(&arguments.serve, about);
+    match &arguments.mqtt {
+        Some(url) => {
+            let reader = Reader::start(arguments.credentials.broker(url)?)?;
+            broker::run(&reader, begins, &interrupted)?;
         }
-        Some(source) if is_lost(source) => bail!(
-            "there is no file {source}: `host-sim run SITE --events FILE` and `host-sim console --events FILE` \
-             write files of events"
-        ),
-        Some(source) if is_other(source) => bail!(
-            "{source} is neither the file of a site, whose name ends in `.toml`, nor one of events, as \
-             `--events FILE` of `host-sim run` and `host-sim console` writes"
-        ),
-        Some(source) => simulation::run(arguments, source, &interrupted)?,
+        None => arguments.source.watch(&interrupted, begins)?,
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Receiver of what happens.
+pub(super) enum Audience {
+    Page(Server),
+    Broker(Publisher),
+}
+
+impl Audience {
+    fn tell(&self, events: impl IntoIterator<Item = Event>) {
+        match self {
+            Self::Page(server) => server.tell(events),
+            Self::Broker(publisher) => publisher.tell(events.into_iter().inspect(|event| {
+                // No page shows them where it runs.
+                if let What::Said { node: None, words } = &event.what {
+                    tell(words);
+                }
+            })),
+        }
+    }
+}
+
+/// The audience, and what it wants.
+pub(super) type Begun = anyhow::Result<(Audience, Receiver<Command>)>;
+
+impl SourceOptions {
+    /// Tells what happens until Ctrl-C. The audience is called once it is known what there is to see.
+    pub(super) fn watch(
+        &self,
+        interrupted: &Arc<AtomicBool>,
+        begins: impl FnOnce(About) -> Begun,
+    ) -> anyhow::Result<()> {
+        match &self.source {
+            _ if !self.port.is_empty() => network::run(self, begins, interrupted),
+            None => bail!("a scenario, a file of events, or --port is needed"),
+            Some(source) if is_events(source) => {
+                let file =
+                    File::open(source).with_context(|| format!("{source} cannot be read"))?;
+                let events = event::read(BufReader::new(file));
+                let events = events.with_context(|| format!("{source} cannot be used"))?;
+                let (audience, commands) = begins(About {
+                    name: source.clone(),
+                    kind: "recorded",
+                    speed: 0.0,
+                })?;
+                audience.tell(events);
+                wait(&audience, &commands, interrupted);
+                Ok(())
+            }
+            Some(source) if is_lost(source) => bail!(
+                "there is no file {source}: `host-sim run SITE --events FILE` and `host-sim console --events FILE` \
+                 write files of events"
+            ),
+            Some(source) if is_other(source) => bail!(
+                "{source} is neither the file of a site, whose name ends in `.toml`, nor one of events, as \
+                 `--events FILE` of `host-sim run` and `host-sim console` writes"
+            ),
+            Some(source) => simulation::run(self, source, begins, interrupted),
+        }
+    }
 }
 
 /// Returns true if it is a file of lines of JSON rather than a scenario.
@@ -157,20 +259,14 @@ fn is_lost(source: &str) -> bool {
     is_path && !is_site && !path.exists()
 }
 
-fn start(
-    arguments: &Arguments,
-    name: &str,
-    kind: &'static str,
-) -> anyhow::Result<(Server, Receiver<Command>)> {
-    let address = arguments.serve.address();
-    let name = name.to_owned();
-    let speed = arguments.speed.0.unwrap_or(0.0);
-    let (server, commands) = serve(address, About { name, kind, speed })?;
+/// Serves the page.
+fn start(options: &ServeOptions, about: About) -> Begun {
+    let (server, commands) = serve(options.address(), about)?;
     print(&format!("{}\n", server.url()))?;
-    if arguments.serve.open {
+    if options.open {
         open_browser(&server.url());
     }
-    Ok((server, commands))
+    Ok((Audience::Page(server), commands))
 }
 
 /// Opens a page, if there is a browser.
@@ -186,7 +282,7 @@ pub(super) fn open_browser(url: &str) {
 }
 
 /// Nothing more happens; the page stays.
-fn wait(server: &Server, commands: &Receiver<Command>, interrupted: &AtomicBool) {
+fn wait(audience: &Audience, commands: &Receiver<Command>, interrupted: &AtomicBool) {
     while !interrupted.load(Ordering::Relaxed) {
         for command in commands.try_iter() {
             // The page takes care of these itself.
@@ -195,7 +291,7 @@ fn wait(server: &Server, commands: &Receiver<Command>, interrupted: &AtomicBool)
                 Command::Pause | Command::Resume | Command::Speed { .. }
             ) {
                 let words = "it is over: nothing can be done any more";
-                server.tell([told(0.0, &command, CommandState::Failed, words)]);
+                audience.tell([told(0.0, &command, CommandState::Failed, words)]);
             }
         }
         thread::sleep(POLL * 10);

@@ -14,7 +14,7 @@ use std::{
 use anyhow::{Context, bail, ensure};
 use host_sim::{
     console::session::Wish,
-    live::{Command, Server},
+    live::{About, Command},
 };
 use results::{
     record::event::{CommandState, Event, Looker, What},
@@ -26,39 +26,50 @@ use super::super::{
     console::{check_ports, read_site},
     lines::{Lines, Trouble},
 };
-use super::{Arguments, POLL, start, told};
+use super::{Audience, Begun, POLL, SourceOptions, told};
 
 /// Time between two looks at the networks.
 const LOOKS: Duration = Duration::from_millis(200);
 
 /// Runs until Ctrl-C. A line that goes away is waited for; one that never was there is a wrong name.
-pub(super) fn run(arguments: &Arguments, interrupted: &Arc<AtomicBool>) -> anyhow::Result<()> {
-    check_ports(&arguments.port)?;
-    let site = arguments.site.as_deref().map(read_site).transpose()?;
-    let ports = (&arguments.port[..], arguments.baud);
+pub(super) fn run(
+    source: &SourceOptions,
+    begins: impl FnOnce(About) -> Begun,
+    interrupted: &Arc<AtomicBool>,
+) -> anyhow::Result<()> {
+    check_ports(&source.port)?;
+    let site = source.site.as_deref().map(read_site).transpose()?;
+    let ports = (&source.port[..], source.baud);
     let lines = Lines::open(ports, Vec::new(), interrupted)?;
     let lines = lines.of_site(site.as_ref()).with_sightings();
     let name = match &site {
         Some(site) => site.name.clone(),
-        None => arguments.port.join(", "),
+        None => source.port.join(", "),
     };
-    let (server, commands) = start(arguments, &name, "network")?;
+    let (audience, commands) = begins(About {
+        name,
+        kind: "network",
+        speed: 0.0,
+    })?;
     let mut networks = Networks {
         asked: lines.all.iter().map(|_| Asked::default()).collect(),
         site: site.as_ref(),
         lines,
         looker: Looker::default(),
         unclear: None,
-        server,
+        audience,
         commands,
     };
     let begin = Instant::now();
     let mut looked = None;
+    // At a broker, what was told before a restart stays until the members are known again.
+    let mut is_known = matches!(networks.audience, Audience::Page(_));
     while !interrupted.load(Ordering::Relaxed) {
         let now = begin.elapsed();
         networks.exchange(now);
         networks.take(now);
-        if looked.is_none_or(|at| now.saturating_sub(at) >= LOOKS) {
+        is_known |= networks.lines.are_listed(now);
+        if is_known && looked.is_none_or(|at| now.saturating_sub(at) >= LOOKS) {
             looked = Some(now);
             networks.look(now);
         }
@@ -85,7 +96,7 @@ struct Networks<'a> {
     looker: Looker,
     /// Reason why the lines are not one site, which is told once.
     unclear: Option<String>,
-    server: Server,
+    audience: Audience,
     commands: Receiver<Command>,
 }
 
@@ -123,11 +134,11 @@ impl Networks<'_> {
         while let Some(words) = line.news() {
             let words = format!("{}{words}", line.prefix);
             let said = What::Said { node: None, words };
-            self.server.tell([Event::new(now.as_secs_f64(), said)]);
+            self.audience.tell([Event::new(now.as_secs_f64(), said)]);
         }
         let network = line.network.get();
         while let Some(what) = line.session.happening(network) {
-            self.server.tell([Event::new(now.as_secs_f64(), what)]);
+            self.audience.tell([Event::new(now.as_secs_f64(), what)]);
         }
     }
 
@@ -141,7 +152,7 @@ impl Networks<'_> {
             why => format!("{}{why}", self.lines.all[n].prefix),
         };
         let seconds = now.as_secs_f64();
-        self.server.tell([told(seconds, &command, state, &words)]);
+        self.audience.tell([told(seconds, &command, state, &words)]);
         true
     }
 
@@ -155,21 +166,21 @@ impl Networks<'_> {
         let words = words.map(|words| format!("{}: {words}", self.lines.all[n].path));
         let said = words.map(|words| What::Said { node: None, words });
         let events = said.map(|said| Event::new(now.as_secs_f64(), said));
-        self.server.tell(events);
+        self.audience.tell(events);
     }
 
     fn look(&mut self, now: Duration) {
         match self.lines.record(now, self.site) {
             Ok(record) => {
                 self.unclear = None;
-                self.server.tell(self.looker.look(&record));
+                self.audience.tell(self.looker.look(&record));
             }
             Err(error) => {
                 let words = error.to_string();
                 if self.unclear.as_ref() != Some(&words) {
                     self.unclear = Some(words.clone());
                     let said = What::Said { node: None, words };
-                    self.server.tell([Event::new(now.as_secs_f64(), said)]);
+                    self.audience.tell([Event::new(now.as_secs_f64(), said)]);
                 }
             }
         }
@@ -184,7 +195,7 @@ impl Networks<'_> {
                 Ok(()) => (CommandState::Asked, String::new()),
                 Err(why) => (CommandState::Failed, why.to_string()),
             };
-            self.server.tell([told(seconds, &command, state, &words)]);
+            self.audience.tell([told(seconds, &command, state, &words)]);
         }
         for (line, asked) in self.lines.all.iter_mut().zip(&self.asked) {
             if line.session.is_done()

@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::{Context, ensure};
 use host_sim::{
-    live::{Command, Server},
+    live::{About, Command},
     network::{Onlooker, Options, Simulation},
 };
 use results::{record::event::CommandState, view::parse_command};
@@ -19,7 +19,7 @@ use site::{Action, Overrides, Purpose, Scenario};
 use virtual_hardware::executor::times_real_time;
 
 use super::super::tell;
-use super::{Arguments, POLL, start, told, wait};
+use super::{Audience, Begun, POLL, SourceOptions, told, wait};
 
 /// Time between two looks at a simulation, nanoseconds.
 const LOOKS: u64 = 100_000_000;
@@ -27,14 +27,15 @@ const LOOKS: u64 = 100_000_000;
 const MOVE_MAX: f64 = 1e5;
 
 pub(super) fn run(
-    arguments: &Arguments,
+    options: &SourceOptions,
     source: &str,
+    begins: impl FnOnce(About) -> Begun,
     interrupted: &Arc<AtomicBool>,
 ) -> anyhow::Result<()> {
     let overrides = Overrides {
-        seed: arguments.seed,
-        path: arguments.path,
-        nodes: arguments.nodes,
+        seed: options.seed,
+        path: options.path,
+        nodes: options.nodes,
         ..Overrides::default()
     };
     let scenario = Scenario::load(source, &overrides)?;
@@ -42,43 +43,47 @@ pub(super) fn run(
         tell(format_args!("{source}: {assumption}"));
     }
     let name = scenario.name.clone();
-    let options = Options {
-        speed: arguments.speed.0,
-        further_stops: arguments.further_stops,
+    let settings = Options {
+        speed: options.speed.0,
+        further_stops: options.further_stops,
         stop: interrupted.clone(),
         ..Options::default()
     };
-    let mut simulation = Simulation::new(scenario, options)?;
+    let mut simulation = Simulation::new(scenario, settings)?;
     simulation.watch();
     simulation.take_orders();
-    if arguments.speed.0.is_none() {
+    if options.speed.0.is_none() {
         simulation.set_pace(|_| ());
     }
-    let (server, commands) = start(arguments, &name, "simulation")?;
+    let (audience, commands) = begins(About {
+        name,
+        kind: "simulation",
+        speed: options.speed.0.unwrap_or(0.0),
+    })?;
     let mut controls = Controls {
-        server: &server,
+        audience: &audience,
         commands: &commands,
         interrupted,
-        times: arguments.speed.0,
+        times: options.speed.0,
     };
     let mut onlooker = Onlooker::default();
     let record = simulation.run_watched(
         LOOKS,
         |_| (),
         |simulation| {
-            server.tell(onlooker.look(simulation));
+            audience.tell(onlooker.look(simulation));
             controls.take(simulation);
         },
     );
     let why = interrupted.load(Ordering::Relaxed).then_some("interrupted");
-    server.tell(onlooker.end(&simulation, &record, why));
-    wait(&server, &commands, interrupted);
+    audience.tell(onlooker.end(&simulation, &record, why));
+    wait(&audience, &commands, interrupted);
     Ok(())
 }
 
 /// Commands of people at the page for a simulation.
 struct Controls<'a> {
-    server: &'a Server,
+    audience: &'a Audience,
     commands: &'a Receiver<Command>,
     interrupted: &'a AtomicBool,
     times: Option<f64>,
@@ -100,7 +105,7 @@ impl Controls<'_> {
                     Ok(false) => told(seconds, &command, CommandState::Asked, ""),
                     Err(why) => told(seconds, &command, CommandState::Failed, &why.to_string()),
                 };
-                self.server.tell([event]);
+                self.audience.tell([event]);
             }
             if !is_paused || self.interrupted.load(Ordering::Relaxed) {
                 return;

@@ -10,5 +10,6 @@ mod firefox;
 mod lines;
 mod looks;
 mod memory;
+mod mqtt;
 mod pages;
 mod thousand;

@@ -726,6 +726,11 @@ impl Looker {
         events
     }
 
+    /// The verdict on a record that was looked at, if it was not told since something changed.
+    pub fn owed_verdict(&mut self, record: &RunRecord) -> Option<Event> {
+        self.owes_verdict.then(|| self.verdict(record))
+    }
+
     /// Events since the last look, and the end.
     pub fn end(&mut self, record: &RunRecord, cut_short: Option<&str>) -> Vec<Event> {
         let mut events = self.changes(record, true);
@@ -772,6 +777,13 @@ impl Looker {
     }
 
     fn changes(&mut self, record: &RunRecord, with_traffic: bool) -> Vec<Event> {
+        // No event tells that a network has gone, such as one whose coordinator turned out to have another number.
+        let is_there = |network: &Network| {
+            let mut networks = record.networks.iter();
+            networks.any(|own| own.network == network.network)
+        };
+        self.known
+            .take_if(|known| !known.networks.iter().all(is_there));
         let Some(known) = &mut self.known else {
             // What runs take the computer is never twice the same.
             let begin = RunRecord {

@@ -11,9 +11,7 @@ impl RunRecord {
     /// A target that went from one network to another is where it was heard last. Networks whose place in the
     /// building the file tells stand where it says; how others stand to each other is not known.
     pub fn joined(parts: impl IntoIterator<Item = (u16, Self)>) -> Option<Self> {
-        let mut parts: Vec<_> = parts.into_iter().collect();
-        parts.sort_by_key(|(number, _)| *number);
-        let mut parts = parts.into_iter().map(|(number, mut part)| {
+        let parts = parts.into_iter().map(|(number, mut part)| {
             let own = part.networks.iter_mut().map(|own| &mut own.network);
             let nodes = part.nodes.iter_mut().map(|node| &mut node.network);
             let targets = part.targets.iter_mut().map(|target| &mut target.network);
@@ -23,6 +21,18 @@ impl RunRecord {
             }
             part
         });
+        Self::together(parts)
+    }
+
+    /// Parts of one site as one, each with networks of its own; `None` of none. As [`joined`](Self::joined), for
+    /// networks that have their numbers.
+    pub fn together(parts: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let mut parts: Vec<_> = parts.into_iter().collect();
+        for part in &mut parts {
+            part.networks.sort_by_key(|own| own.network);
+        }
+        parts.sort_by_key(|part| part.networks.first().map(|own| own.network));
+        let mut parts = parts.into_iter();
         let mut all = parts.next()?;
         let first = { all.networks.first() }.and_then(|network| network.building);
         for part in parts {
@@ -56,11 +66,31 @@ impl RunRecord {
                 }
             }
             all.sightings.extend(part.sightings);
+            all.tracking.extend(part.tracking);
             all.sim_seconds = all.sim_seconds.max(part.sim_seconds);
         }
+        all.networks.sort_by_key(|own| own.network);
+        all.sightings.sort_by_key(|own| own.network);
+        all.tracking.sort_by_key(|own| own.network);
         all.nodes.sort_by_key(|node| node.id);
         all.targets.sort_by_key(|target| target.id);
         all.summary = Summary::of(&all.nodes);
         Some(all)
+    }
+
+    /// The same, with all times later by so many seconds: a part that was begun after the others.
+    #[must_use]
+    pub fn later(mut self, by: f64) -> Self {
+        self.sim_seconds += by;
+        for node in &mut self.nodes {
+            let times = [&mut node.calibrated_seconds, &mut node.heard_seconds];
+            let failures = node.failures.iter_mut().map(|failure| &mut failure.seconds);
+            let times = times.into_iter().flatten().chain(failures);
+            times.for_each(|seconds| *seconds += by);
+        }
+        let stops = self.targets.iter_mut().flat_map(|own| &mut own.stops);
+        let times = stops.filter_map(|stop| stop.seconds.as_mut());
+        times.for_each(|seconds| *seconds += by);
+        self
     }
 }

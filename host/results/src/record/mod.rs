@@ -33,6 +33,7 @@ pub mod difference;
 pub mod event;
 mod joined;
 mod next_stop;
+pub mod part;
 pub mod published;
 pub mod sightings;
 mod standing;
@@ -982,6 +983,13 @@ impl RunRecord {
             }
             record
         })
+    }
+
+    /// A node with its places in the coordinates of the building; `None` if it is not known where its network is.
+    pub fn node_in_building(&self, node: &Node) -> Option<Node> {
+        let mut placed = node.clone();
+        placed.move_by(&self.building(node.network)?);
+        Some(placed)
     }
 
     /// Returns true if all places are in the coordinates of the building, as [`in_building`](Self::in_building) makes

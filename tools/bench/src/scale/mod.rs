@@ -3,6 +3,7 @@
 //! | module | rows |
 //! |---|---|
 //! | this one | `run grid` of 13 to 10,000 nodes |
+//! | `broker` | `live --mqtt` of 1,000 cameras on 40 publishers, a topic of its own |
 //! | `live` | `live grid` of 1,000 nodes: the data that its page is sent, and their cost |
 //! | `solve` | `solve` of a million cases |
 //! | `solve_network` | `solve-network` of up to 1,000 cameras |
@@ -14,6 +15,7 @@ use std::{path::PathBuf, process::Command};
 
 use anyhow::{Context, ensure};
 
+pub(crate) mod broker;
 mod live;
 mod process;
 mod solve;

@@ -34,7 +34,8 @@ fn calls(place: &Place) -> Vec<String> {
     calls.lines().map(str::to_owned).collect()
 }
 
-const PACKAGES: &str = "gdb-multiarch qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver valgrind";
+const PACKAGES: &str = "gdb-multiarch qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver valgrind \
+     mosquitto mosquitto-clients openssl";
 
 #[test]
 fn without_a_compiler() {
