@@ -15,7 +15,7 @@ use calib_core::{
     },
     level::Levelness,
 };
-use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
 use crate::{
     arithmetic::root,
@@ -726,10 +726,16 @@ impl<'m> Estimate<'m> {
             ..pose
         });
         in_site.covariance += widened;
-        // The place of a reference is the one that it was given: nothing is estimated of it.
-        if camera < frame.references.len() && frame.is_given() {
-            let turned = in_site.covariance.m33;
-            in_site.covariance = Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, turned));
+        // The place of a reference is the one that it was given, or says what the frame is: then nothing is estimated
+        // of it but the distance to the second one. A target that restarts knows the frame by that.
+        if camera < frame.references.len() && (frame.is_given() || !frame.is_baseline_known()) {
+            let c = in_site.covariance;
+            let (along, with) = if camera == 1 && !frame.is_given() {
+                (c.m11, c.m13)
+            } else {
+                (0.0, 0.0)
+            };
+            in_site.covariance = Matrix3::new(along, 0.0, with, 0.0, 0.0, 0.0, with, 0.0, c.m33);
         }
         let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
