@@ -506,21 +506,26 @@ impl<'m> Estimate<'m> {
     }
 
     /// The sightings of both references contradict each other, though both knew their poses: it is not known
-    /// which of them was moved.
+    /// which of them was moved. After many stops, a pose that a camera found by itself is doubtful too: it rests on
+    /// places that these references told.
     fn doubt(&mut self, frame: &Frame, table: &Table) {
-        if !frame.is_exact() || self.common_stops(&frame.references) <= FRAME_STOPS {
+        let common = self.common_stops(&frame.references);
+        if !frame.is_exact() || common <= FRAME_STOPS {
             return;
         }
-        for (n, address) in frame.references.into_iter().enumerate() {
-            let entry = table.iter().find(|entry| entry.address == address);
-            let report = entry.and_then(|entry| entry.report);
-            let held = report.filter(|report| report.joint.is_some());
+        for (n, camera) in self.cameras.iter().enumerate() {
+            let is_reference = n < frame.references.len();
+            let entry = table.iter().find(|entry| entry.address == camera.address);
+            let held = entry.and_then(|entry| entry.report).filter(|report| {
+                report.joint.is_some() == is_reference && (is_reference || common >= LOST_STOPS)
+            });
             if let Some((report, pose)) = held.and_then(|report| Some((report, *report.pose()?)))
                 && let Some(told) = self.told.get_mut(n)
                 && told.is_none_or(|told| told.status() != Status::Doubtful)
             {
                 *told = Some(Report {
                     duty: None,
+                    joint: report.joint.or(Some(ProtectionLevel::NONE)),
                     state: CameraState::Doubtful(pose),
                     ..report
                 });
