@@ -516,8 +516,10 @@ impl<'m> Estimate<'m> {
         for (n, camera) in self.cameras.iter().enumerate() {
             let is_reference = n < frame.references.len();
             let entry = table.iter().find(|entry| entry.address == camera.address);
+            let is_good = |report: &Report| report.status() == Status::Calibrated;
             let held = entry.and_then(|entry| entry.report).filter(|report| {
-                report.joint.is_some() == is_reference && (is_reference || common >= LOST_STOPS)
+                report.joint.is_some() == is_reference
+                    && (is_reference || common >= LOST_STOPS && is_good(report))
             });
             if let Some((report, pose)) = held.and_then(|report| Some((report, *report.pose()?)))
                 && let Some(told) = self.told.get_mut(n)
