@@ -103,11 +103,11 @@ pub async fn begin(spawner: Spawner, facts: &'static Facts, pins: Pins, parts: P
             start::stop(error).await
         }
     };
-    let [seed, of_radio] = random(board.random);
+    let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
     let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: board.line.open(config),
-        radio: Csma::new(OnChip::new(shared), Delay, of_radio),
+        radio: Csma::new(OnChip::new(shared), Delay, seed.rotate_left(32)),
         clock: EmbassyClock,
         flash: Paged(flash),
         layout: start::layout(facts),
