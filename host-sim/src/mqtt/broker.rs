@@ -61,15 +61,7 @@ impl Broker {
     /// # Errors
     /// [`BrokerError::Url`]
     pub fn parse(text: &str) -> Result<Self, BrokerError> {
-        // A password is not told again.
-        let shown = || match text.split_once('@') {
-            Some((before, after)) => {
-                let before = before.rsplit_once(':').map_or(before, |(before, _)| before);
-                format!("{before}@{after}")
-            }
-            None => text.to_owned(),
-        };
-        let wrong = |why| BrokerError::Url(text.to_owned(), why);
+        let wrong = |why| BrokerError::Url(without_password(text), why);
         let url = Url::parse(text).map_err(|_| wrong("it cannot be read"))?;
         let is_secure = match url.scheme() {
             "mqtt" => false,
@@ -77,8 +69,7 @@ impl Broker {
             _ => return Err(wrong("it begins with neither mqtt:// nor mqtts://")),
         };
         if url.password().is_some() {
-            return Err(BrokerError::Url(
-                shown(),
+            return Err(wrong(
                 "other users of the computer can read it, so the password belongs in --password-file or \
                  MQTT_PASSWORD",
             ));
@@ -227,6 +218,18 @@ impl Broker {
     }
 }
 
+/// The same URL to be told, also if it is none: a password may stand between the user and the last `@`.
+fn without_password(text: &str) -> String {
+    let (scheme, rest) = text.split_at(text.find("://").map_or(0, |at| at + "://".len()));
+    match rest.rsplit_once('@') {
+        Some((user, host)) => {
+            let user = user.split_once(':').map_or(user, |(user, _)| user);
+            format!("{scheme}{user}@{host}")
+        }
+        None => text.to_owned(),
+    }
+}
+
 /// Settings of the line to the broker.
 pub(super) fn network() -> NetworkOptions {
     let mut options = NetworkOptions::new();
@@ -264,9 +267,20 @@ mod tests {
 
     #[test]
     fn a_password_in_a_url_is_refused_and_not_told_again() {
+        for (url, shown) in [
+            ("mqtt://me:secret@host/a", "mqtt://me@host/a is no URL"),
+            ("mqtt://me:p@secret@host/a", "mqtt://me@host/a is no URL"),
+            // Other reasons to refuse them come first.
+            ("mqtt://me:secret/more@host/a", "mqtt://me@host/a is no URL"),
+            ("mqtt://me:secret@host:70000/a", "mqtt://me@host:70000/a is"),
+            ("http://me:secret@host/a", "http://me@host/a is no URL"),
+            ("me:secret@host/a", "me@host/a is no URL"),
+        ] {
+            let error = Broker::parse(url).unwrap_err().to_string();
+            assert!(error.starts_with(shown), "{error}");
+            assert!(!error.contains("secret"), "{error}");
+        }
         let error = Broker::parse("mqtt://me:secret@host/a").unwrap_err();
-        let error = error.to_string();
-        assert!(error.contains("--password-file") && !error.contains("secret"));
-        assert!(error.contains("mqtt://me@host/a"), "{error}");
+        assert!(error.to_string().contains("--password-file"));
     }
 }

@@ -1,7 +1,8 @@
 //! Tells a stream of events to a broker.
 //!
-//! Parts of the record to which the stream adds up are retained. What is owed to the broker are names of parts, and each is told as it is when its turn comes. So a slow broker gets less, and one that was away
-//! gets everything that is still true; memory does not grow meanwhile.
+//! Parts of the record to which the stream adds up are retained. What is owed to the broker are names of parts, and each
+//! is told as it is when its turn comes. So a slow broker gets less, and one that was away gets everything that is still
+//! true; memory does not grow meanwhile.
 
 use std::{
     collections::{BTreeMap, VecDeque},

@@ -5,7 +5,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    io::{BufRead, BufReader, Write},
+    io::{BufRead, BufReader},
     net::{TcpListener, TcpStream},
     path::Path,
     process::{Child, Command, Stdio},
@@ -29,7 +29,7 @@ use results::record::{
 };
 use site::{Overrides, Scenario};
 
-use super::{process::Cost, program};
+use super::{page, process::Cost, program};
 use crate::figure::{Goal, Sheet};
 
 const CAMERAS: usize = 1_000;
@@ -59,9 +59,9 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
             .stdout(Stdio::piped())
             .spawn()?,
     );
-    let page = Page::open(&mut live.0)?;
-    let calibrated = record.summary.calibrated;
-    let watched = thread::spawn(move || page.until(calibrated));
+    let page = page(&mut live.0)?;
+    let all = sightings(&record);
+    let watched = thread::spawn(move || shown(page, all));
 
     let mut networks = Network::all(&events, &url)?;
     let begin = Instant::now();
@@ -81,19 +81,19 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     }
     let told = Instant::now();
     let took = begin.elapsed().as_secs_f64();
-    let shown = watched.join().ok().context("the page's reader failed")??;
-    let behind = shown.saturating_duration_since(told).as_secs_f64();
+    let seen = watched.join().ok().context("the page's reader failed")??;
+    let behind = seen.saturating_duration_since(told).as_secs_f64();
     let cost = Cost::so_far(&live.0)?;
     let of_broker = Cost::so_far(&broker.0)?;
     sheet.figure("simulated", seconds, "s", &Goal::None);
     sheet.figure(
         "cameras called calibrated",
-        calibrated as f64,
+        record.summary.calibrated as f64,
         "",
         &Goal::None,
     );
     sheet.figure(
-        "all shown after the last message, by",
+        "all sightings shown after the last message, by",
         behind,
         "s",
         &Goal::AtMost(5.0),
@@ -262,48 +262,33 @@ impl Network {
     }
 }
 
-/// The messages that a page gets.
-struct Page(BufReader<TcpStream>);
+/// Sightings of all cameras. The number grows until the last one.
+fn sightings(record: &RunRecord) -> usize {
+    record.cameras().map(|camera| camera.sightings).sum()
+}
 
-impl Page {
-    fn open(live: &mut Child) -> anyhow::Result<Self> {
-        let output = live.stdout.take().context("the output is piped")?;
-        let mut url = String::new();
-        BufReader::new(output).read_line(&mut url)?;
-        let told = url.trim().strip_prefix("http://");
-        let (address, token) = told
-            .and_then(|told| told.split_once("/#"))
-            .context("no address")?;
-        let mut stream = TcpStream::connect(address)?;
-        stream.set_read_timeout(Some(HANGS))?;
-        write!(
-            stream,
-            "GET /events?token={token} HTTP/1.0\r\nHost: {address}\r\n\r\n"
-        )?;
-        Ok(Self(BufReader::new(stream)))
-    }
-
-    /// Reads until so many cameras are calibrated, and tells when that was.
-    fn until(self, calibrated: usize) -> anyhow::Result<Instant> {
-        let mut record: Option<RunRecord> = None;
-        for line in self.0.lines() {
-            let line = line?;
-            let Some(line) = line.strip_prefix("data:") else {
-                continue;
-            };
-            let event = Event::from_line(line.trim_start())?;
-            match (&event.what, &mut record) {
-                (What::Begin { record: begun, .. }, _) => record = Some(RunRecord::clone(begun)),
-                (_, Some(record)) => record.apply(&event),
-                _ => {}
+/// Reads a page's messages until it shows so many sightings, and tells when that was.
+fn shown(page: BufReader<TcpStream>, all: usize) -> anyhow::Result<Instant> {
+    page.get_ref().set_read_timeout(Some(HANGS))?;
+    let mut record: Option<RunRecord> = None;
+    for line in page.lines() {
+        let line = line?;
+        let Some(line) = line.strip_prefix("data:") else {
+            continue;
+        };
+        let event = Event::from_line(line.trim_start())?;
+        match (event.what, &mut record) {
+            (What::Begin { record: begun, .. }, _) => record = Some(*begun),
+            (what @ What::Node { .. }, Some(record)) => {
+                record.apply(&Event::new(event.seconds, what));
+                if sightings(record) >= all {
+                    return Ok(Instant::now());
+                }
             }
-            let now = record.as_ref().map(|record| &record.summary);
-            if now.is_some_and(|now| now.expected == CAMERAS && now.calibrated == calibrated) {
-                return Ok(Instant::now());
-            }
+            _ => {}
         }
-        anyhow::bail!("the page's stream ended")
     }
+    anyhow::bail!("the page's stream ended")
 }
 
 /// Waits until a broker has so many nodes again.

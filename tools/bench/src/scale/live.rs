@@ -1,15 +1,12 @@
 //! `live` with very many cameras: its speed against real time, and the data that it sends.
 
 use std::{
-    io::{BufRead, BufReader, Write},
-    net::TcpStream,
+    io::BufRead,
     path::Path,
     process::{Command, Stdio},
 };
 
-use anyhow::Context;
-
-use super::process::Cost;
+use super::{page, process::Cost};
 use crate::figure::{Goal, Sheet};
 
 const NODES: usize = 1_000;
@@ -70,20 +67,8 @@ struct Watched {
 
 /// Reads the messages that a page gets.
 fn watch(server: &mut std::process::Child) -> anyhow::Result<Watched> {
-    let output = server.stdout.take().context("the output is piped")?;
-    let mut url = String::new();
-    BufReader::new(output).read_line(&mut url)?;
-    let told = url.trim().strip_prefix("http://");
-    let (address, token) = told
-        .and_then(|told| told.split_once("/#"))
-        .context("no address")?;
-    let mut stream = TcpStream::connect(address)?;
-    write!(
-        stream,
-        "GET /events?token={token} HTTP/1.0\r\nHost: {address}\r\n\r\n"
-    )?;
     let (mut seconds, mut bytes, mut of_verdicts) = (0.0, 0, 0);
-    for line in BufReader::new(stream).lines() {
+    for line in page(server)?.lines() {
         let line = line?;
         bytes += line.len();
         if line.contains("\"event\":\"verdict") {

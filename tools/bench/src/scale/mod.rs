@@ -11,7 +11,12 @@
 //! Processor time is counted, which other work on the machine changes little; each run is a process of its own, so
 //! that peaks of memory are its own too.
 
-use std::{path::PathBuf, process::Command};
+use std::{
+    io::{BufRead, BufReader, Write},
+    net::TcpStream,
+    path::PathBuf,
+    process::{Child, Command},
+};
 
 use anyhow::{Context, ensure};
 
@@ -92,4 +97,21 @@ fn simulated(report: &str) -> anyhow::Result<f64> {
         rest.split_once(" s ")?.0.parse().ok()
     });
     told.context("the report tells no simulated time")
+}
+
+/// The messages that the page of a `live` gets.
+fn page(live: &mut Child) -> anyhow::Result<BufReader<TcpStream>> {
+    let output = live.stdout.take().context("the output is piped")?;
+    let mut url = String::new();
+    BufReader::new(output).read_line(&mut url)?;
+    let told = url.trim().strip_prefix("http://");
+    let (address, token) = told
+        .and_then(|told| told.split_once("/#"))
+        .context("no address")?;
+    let mut stream = TcpStream::connect(address)?;
+    write!(
+        stream,
+        "GET /events?token={token} HTTP/1.0\r\nHost: {address}\r\n\r\n"
+    )?;
+    Ok(BufReader::new(stream))
 }
