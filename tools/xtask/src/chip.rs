@@ -7,12 +7,16 @@ use crate::{
     cortex_m,
     documented::{self, Table, number},
     firmware,
-    harness::{self, Suite},
+    harness::{self, Pace, Suite},
 };
 
 const BOARD: board_facts::Board = board_facts::NRF52840_DK;
-/// Nodes of a site on it, and networks of `host-sim`.
+/// Networks of `host-sim` on it, which take the longest, and nodes of a site.
 pub(crate) const SUITES: [Suite; 3] = [
+    Suite {
+        package: "host-sim",
+        module: "chips",
+    },
     Suite {
         package: "nrf52840-emulator",
         module: "image",
@@ -20,10 +24,6 @@ pub(crate) const SUITES: [Suite; 3] = [
     Suite {
         package: "host-sim",
         module: "chip_process",
-    },
-    Suite {
-        package: "host-sim",
-        module: "chips",
     },
 ];
 
@@ -43,7 +43,8 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     compare(sh)?;
     let bound = firmware::stack_bound(&image)?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
-    let said = harness::ignored(sh, &SUITES)?;
+    // A process translates the image once for each test that runs at the same time.
+    let said = harness::ignored(sh, &SUITES, Pace::SideBySide)?;
     stack(sh, bound, &said)
 }
 

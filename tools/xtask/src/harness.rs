@@ -2,18 +2,23 @@
 
 use std::{
     cmp::Reverse,
+    ffi::OsStr,
     fs::{self, File},
     io::{BufRead, BufReader, Write},
+    iter, mem,
     path::{Path, PathBuf},
     process::{Command, Stdio},
-    sync::atomic::{AtomicUsize, Ordering},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
     thread,
 };
 
 use anyhow::{Context, Result, bail, ensure};
 use board_facts::Board;
 use serde_json::Value;
-use xshell::{Cmd, Shell, cmd};
+use xshell::{Shell, cmd};
 
 use crate::{
     built, chip, peers,
@@ -164,7 +169,7 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         Ok(())
     })?;
     let examples = cmd!(sh, "cargo test --locked --workspace --all-features --doc");
-    let (examples, _) = run(examples.envs(BUILT_WITH))?;
+    let (examples, _) = run(&mut examples.envs(BUILT_WITH).into())?;
     ensure!(examples.passed > 0, "no example of the documentation ran");
     let ran: usize = tests
         .iter()
@@ -185,16 +190,28 @@ fn threads() -> Result<String> {
     Ok((THREADS * processors).to_string())
 }
 
+/// Order in which suites run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Pace {
+    /// One suite after the other, many tests of it at once: most of them wait.
+    InTurn,
+    /// The suites side by side, and the tests of each one after the other: a process keeps what its tests share.
+    SideBySide,
+}
+
 /// Runs tests that are ignored elsewhere, and returns their output. They are built as those of the workspace are:
 /// with other features, cargo would build everything again.
 ///
 /// # Errors
 /// One fails, or a suite has none.
-pub(crate) fn ignored(sh: &Shell, suites: &[Suite]) -> Result<String> {
+pub(crate) fn ignored(sh: &Shell, suites: &[Suite], pace: Pace) -> Result<String> {
     let messages = build(sh, &["--test", INTEGRATION])?;
     let programs = programs(sh, &members(sh)?, &messages)?;
-    let mut all_said = String::new();
-    for suite in suites {
+    let threads = match pace {
+        Pace::InTurn => threads()?,
+        Pace::SideBySide => "1".to_owned(),
+    };
+    let ready = suites.iter().map(|suite| {
         let Suite { package, module } = suite;
         let program = programs
             .iter()
@@ -209,18 +226,35 @@ pub(crate) fn ignored(sh: &Shell, suites: &[Suite]) -> Result<String> {
         let count = there.filter(|test| suite.has(package, test)).count();
         let _there = sh.push_dir(folder);
         let filter = format!("{module}::");
-        let tests_run = cmd!(sh, "{path} --ignored --nocapture {filter}");
-        let tests_run = tests_run.env("CARGO_MANIFEST_DIR", folder);
-        let (counts, said) = run(tests_run.env("RUST_TEST_THREADS", threads()?))?;
+        let tests_run = cmd!(sh, "{path} --ignored --nocapture {filter}")
+            .env("CARGO_MANIFEST_DIR", folder)
+            .env("RUST_TEST_THREADS", &threads);
+        Ok((suite, count, Mutex::new(Command::from(tests_run))))
+    });
+    let ready = ready.collect::<Result<Vec<_>>>()?;
+    let all_said = Mutex::new(String::new());
+    let work = |(suite, count, command): &(&Suite, usize, Mutex<Command>)| {
+        let Suite { package, module } = suite;
+        let (counts, said) = run(&mut locked(command))?;
         ensure!(
-            counts.passed > 0 && counts.passed == count,
+            counts.passed > 0 && counts.passed == *count,
             "{} tests of `{module}` in `{package}` passed, there are {count}",
             counts.passed,
         );
         eprintln!("{package}, {module}: {count} tests passed");
-        all_said += &said;
+        locked(&all_said).push_str(&said);
+        Ok(())
+    };
+    match pace {
+        Pace::InTurn => ready.iter().try_for_each(work)?,
+        Pace::SideBySide => side_by_side(&ready, work)?,
     }
-    Ok(all_said)
+    Ok(mem::take(&mut locked(&all_said)))
+}
+
+/// Returns what a lock holds, which no panic can leave half done.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Builds a program of the workspace with the features and the profile of its tests, so that little of it is built
@@ -240,10 +274,12 @@ pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
 }
 
 /// Runs tests, shows their output while they run, and counts them.
-fn run(command: Cmd<'_>) -> Result<(Counts, String)> {
-    let shown = command.to_string();
+fn run(command: &mut Command) -> Result<(Counts, String)> {
+    let words = iter::once(command.get_program()).chain(command.get_args());
+    let words: Vec<_> = words.map(OsStr::to_string_lossy).collect();
+    let shown = words.join(" ");
     eprintln!("$ {shown}");
-    let mut child = Command::from(command)
+    let mut child = command
         .stdout(Stdio::piped())
         .spawn()
         .with_context(|| shown.clone())?;

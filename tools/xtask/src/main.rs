@@ -5,7 +5,7 @@ use std::{
     ffi::OsStr,
     fs,
     path::{Path, PathBuf},
-    process::ExitCode,
+    process::{Command, ExitCode},
 };
 
 use anyhow::Context;
@@ -94,10 +94,38 @@ fn main() -> ExitCode {
         env::var_os(usage::COUNT_IN),
     ) {
         (Some(usage::WRAPPER), Some(counter)) => usage::compile(Path::new(&counter)),
+        _ if env::vars_os().any(|(name, _)| is_of_this(&name)) => begin_again(&program),
         _ => run(Arguments::parse().chore),
     };
     done.unwrap_or_else(|error| {
         complain(&error);
+        ExitCode::FAILURE
+    })
+}
+
+/// Returns true for a variable that tells a program which package it belongs to, as `cargo run` sets them.
+fn is_of_this(variable: &OsStr) -> bool {
+    let name = variable.to_string_lossy();
+    name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")
+}
+
+/// Runs this program again without these variables. Build scripts look at them, so that cargo would build much again
+/// for `cargo xtask`, and once more for who calls cargo without it.
+fn begin_again(program: &Path) -> anyhow::Result<ExitCode> {
+    let mut again = Command::new(program);
+    again.args(env::args_os().skip(1));
+    for (name, _) in env::vars_os().filter(|(name, _)| is_of_this(name)) {
+        again.env_remove(name);
+    }
+    #[cfg(unix)]
+    let status = Err(std::os::unix::process::CommandExt::exec(&mut again));
+    #[cfg(not(unix))]
+    let status = again.status();
+    let status: std::process::ExitStatus =
+        status.context("this program cannot be started again")?;
+    Ok(if status.success() {
+        ExitCode::SUCCESS
+    } else {
         ExitCode::FAILURE
     })
 }

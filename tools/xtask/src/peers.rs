@@ -19,7 +19,7 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
-use crate::harness::{self, Suite};
+use crate::harness::{self, Pace, Suite};
 
 /// A package that only names the crate, so that cargo fetches it and tells its path.
 const MANIFEST: &str = "tools/xtask/peers/Cargo.toml";
@@ -85,7 +85,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
             None
         }
     };
-    harness::ignored(sh, &SUITES).map(|_| ())
+    harness::ignored(sh, &SUITES, Pace::InTurn).map(|_| ())
 }
 
 /// The same for Firefox and its driver.
@@ -94,7 +94,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
 /// As of [`run`].
 pub(crate) fn firefox(sh: &Shell) -> Result<()> {
     let _driver = sh.push_env("GECKODRIVER", geckodriver(sh)?);
-    harness::ignored(sh, &[FIREFOX]).map(|_| ())
+    harness::ignored(sh, &[FIREFOX], Pace::InTurn).map(|_| ())
 }
 
 /// The program `ot-rcp`.

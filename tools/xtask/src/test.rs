@@ -6,7 +6,7 @@ use std::{
     process::{Child, Command, ExitCode, Stdio},
 };
 
-use anyhow::{Context, Error, Result, anyhow, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use board_facts::{
     BOARDS,
     chip::{Chip, NRF52833},
@@ -67,8 +67,30 @@ struct Stage {
     run: fn(&Shell) -> Result<()>,
     /// Runs only with `--all`, or where it is named.
     nightly: bool,
-    /// Waits more than it computes, so that it runs beside the stages that follow.
-    waits: bool,
+    lane: Lane,
+}
+
+/// Stages of a lane run one after the other, and lanes side by side: some steps of a stage keep only one processor
+/// busy. A lane begins where its first stage stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lane {
+    /// Stages that run in this process.
+    Main,
+    /// Builds for boards, from nothing that others build.
+    Boards,
+    /// Waits more than it computes.
+    Peers,
+}
+
+impl Lane {
+    /// Name of its process's files.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Main => "main",
+            Self::Boards => "boards",
+            Self::Peers => "peers",
+        }
+    }
 }
 
 const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result<()>) -> Stage {
@@ -78,7 +100,7 @@ const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result
         needs: nothing,
         run,
         nightly: false,
-        waits: false,
+        lane: Lane::Main,
     }
 }
 
@@ -94,11 +116,8 @@ impl Stage {
         }
     }
 
-    const fn waits(self) -> Self {
-        Self {
-            waits: true,
-            ..self
-        }
+    const fn lane(self, lane: Lane) -> Self {
+        Self { lane, ..self }
     }
 }
 
@@ -114,6 +133,25 @@ const STAGES: [Stage; 22] = [
         format,
     ),
     stage(
+        "firmware",
+        "images of the boards, their sizes, and where they may panic",
+        firmware::audit,
+    )
+    .needs(setup::linker)
+    .lane(Lane::Boards),
+    stage("count", "instructions on emulated processors", count)
+        .needs(setup::packages)
+        .lane(Lane::Boards),
+    stage("size", "flash and RAM of the link", measure).lane(Lane::Boards),
+    // They build where the stage `test` does, and wait for it.
+    stage("lint", "clippy on code that only boards run", lint).lane(Lane::Boards),
+    stage(
+        "document",
+        "documentation of the libraries without a warning",
+        document,
+    )
+    .lane(Lane::Boards),
+    stage(
         "test",
         "clippy on all code for this computer, and all tests that need nothing else",
         harness::workspace,
@@ -124,27 +162,13 @@ const STAGES: [Stage; 22] = [
         peers::run,
     )
     .needs(setup::packages)
-    .waits(),
-    stage("lint", "clippy on code that only boards run", lint),
-    stage(
-        "firmware",
-        "images of the boards, their sizes, and where they may panic",
-        firmware::audit,
-    )
-    .needs(setup::linker),
+    .lane(Lane::Peers),
     stage(
         "chip",
         "the image that is flashed, on an emulated nRF52840",
         chip::run,
     )
     .needs(packages_and_linker),
-    stage(
-        "document",
-        "documentation of the libraries without a warning",
-        document,
-    ),
-    stage("count", "instructions on emulated processors", count).needs(setup::packages),
-    stage("size", "flash and RAM of the link", measure),
     stage(
         "scale",
         "instructions of short runs of host-sim",
@@ -264,23 +288,32 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
     let mut summary = format!("{:>7} {:>9} {:>6}\n", "wall", "processor", "units");
     let mut count = Count::default();
     let mut failure = None;
-    let mut waiting = Vec::new();
+    let mut lanes: Vec<Beside<'_>> = Vec::new();
+    // A lane of its own has no others beside it.
+    let is_beside = |stage: &Stage| {
+        stage.lane != Lane::Main && stages.iter().any(|other| other.lane != stage.lane)
+    };
     // Before a stage builds this program anew in its place.
-    if stages.iter().any(|stage| stage.waits)
+    if stages.iter().any(is_beside)
         && let Err(error) = crate::copy_of_this(&crate::tool(sh, BESIDE))
     {
         crate::complain(&error);
     }
     for stage in stages {
-        eprintln!("\n==> {}: {}", stage.name, stage.what);
-        let meter = Meter::start(sh);
-        let outcome = match left_out(stage, sh, is_ci) {
-            Ok(None) if stage.waits && stages.len() > 1 => match Beside::start(sh, stage, meter) {
+        if lanes.iter_mut().any(Beside::has_failed) {
+            break;
+        }
+        if is_beside(stage) {
+            if lanes.iter().any(|beside| beside.lane == stage.lane) {
+                continue;
+            }
+            let of_lane = stages.iter().filter(|other| other.lane == stage.lane);
+            match Beside::start(sh, stage.lane, of_lane.collect()) {
                 Ok(beside) => {
-                    eprintln!(
-                        "runs beside what follows, which its time includes; its output comes at the end"
-                    );
-                    waiting.push(beside);
+                    let names: Vec<_> = beside.stages.iter().map(|stage| stage.name).collect();
+                    let names = names.join(", ");
+                    eprintln!("\n==> {names}: beside what follows; the output comes at the end");
+                    lanes.push(beside);
                     continue;
                 }
                 Err(error) => {
@@ -288,7 +321,11 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
                     count.failed += 1;
                     break;
                 }
-            },
+            }
+        }
+        eprintln!("\n==> {}: {}", stage.name, stage.what);
+        let meter = Meter::start(sh);
+        let outcome = match left_out(stage, sh, is_ci) {
             Ok(None) => (stage.run)(sh).map(|()| None),
             missing => missing,
         };
@@ -297,9 +334,8 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
             break;
         }
     }
-    for beside in waiting {
-        let (stage, outcome, meter) = beside.end();
-        let failed = count.add(stage, outcome.map(|()| None), &meter, &mut summary);
+    for beside in lanes {
+        let failed = beside.end(sh, &mut count, &mut summary).err();
         failure = failure.or(failed);
     }
     count.not_run = stages.len() - count.passed - count.failed - count.left_out;
@@ -314,50 +350,98 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
 /// Name of the copy of this program that runs stages beside others.
 const BESIDE: &str = "beside";
 
-/// A stage that runs beside others, as a process of its own.
+/// A lane that runs beside others, as a process of its own.
 struct Beside<'s> {
-    stage: &'s Stage,
+    lane: Lane,
+    stages: Vec<&'s Stage>,
     process: Child,
     /// File of what it prints.
     said: PathBuf,
-    meter: Result<Meter>,
+    /// File in which its compilation units are counted.
+    units: PathBuf,
 }
 
 impl<'s> Beside<'s> {
-    fn start(sh: &Shell, stage: &'s Stage, meter: Result<Meter>) -> Result<Self> {
+    fn start(sh: &Shell, lane: Lane, stages: Vec<&'s Stage>) -> Result<Self> {
         let this = crate::tool(sh, BESIDE);
-        let name = stage.name;
-        let said = sh.create_dir("target/tools")?.join(format!("{name}.out"));
+        let tools = sh.create_dir("target/tools")?;
+        let [said, units] =
+            ["out", "units"].map(|kind| tools.join(lane.name()).with_extension(kind));
         let output = File::create(&said).with_context(|| said.display().to_string())?;
-        let mut command = Command::from(cmd!(sh, "{this} test --stage {name}"));
+        let chosen = stages.iter().flat_map(|stage| ["--stage", stage.name]);
+        let mut command = Command::from(cmd!(sh, "{this} test {chosen...}"));
         command.stdin(Stdio::null());
         command.stdout(output.try_clone()?).stderr(output);
+        if sh.var_os(usage::COUNT_IN).is_some() {
+            File::create(&units).with_context(|| units.display().to_string())?;
+            command.env(usage::COUNT_IN, &units);
+        }
         let process = command
             .spawn()
             .with_context(|| this.display().to_string())?;
         Ok(Self {
-            stage,
+            lane,
+            stages,
             process,
             said,
-            meter,
+            units,
         })
     }
 
-    /// Waits for its end, and prints its output.
-    fn end(mut self) -> (&'s Stage, Result<()>, Result<Meter>) {
+    /// Returns true once it has ended with a failure.
+    fn has_failed(&mut self) -> bool {
+        matches!(self.process.try_wait(), Ok(Some(status)) if !status.success())
+    }
+
+    /// Waits for its end, prints its output, and adds what it took and how its stages ended.
+    fn end(mut self, sh: &Shell, count: &mut Count, summary: &mut String) -> Result<()> {
         let status = self.process.wait();
-        eprintln!("\n==> {}: {}", self.stage.name, self.stage.what);
-        if let Ok(said) = fs::read(&self.said) {
-            eprint!("{}", String::from_utf8_lossy(&said));
+        let said = fs::read(&self.said).unwrap_or_default();
+        let said = String::from_utf8_lossy(&said);
+        eprint!("{said}");
+        usage::add(sh, &self.units);
+        for stage in &self.stages {
+            // Where there is no row, the stage did not run.
+            let Some((row, end)) = ended(&said, stage.name) else {
+                continue;
+            };
+            *match end {
+                "" => &mut count.passed,
+                LEFT_OUT => &mut count.left_out,
+                _ => &mut count.failed,
+            } += 1;
+            *summary += row;
+            *summary += "\n";
         }
-        let outcome = match status {
-            Ok(status) if status.success() => Ok(()),
-            Ok(status) => Err(anyhow!("it ended with {status}")),
-            Err(error) => Err(error.into()),
-        };
-        (self.stage, outcome, self.meter)
+        let name = self.lane.name();
+        let status = status.with_context(|| format!("the lane `{name}`"))?;
+        ensure!(
+            status.success(),
+            "the lane `{name}` ended with {status}: see its output"
+        );
+        Ok(())
     }
 }
+
+/// Looks up a stage's row in the output of a lane, and returns it with the word that tells how it ended, if the stage
+/// did not just pass.
+fn ended<'s>(said: &'s str, stage: &str) -> Option<(&'s str, &'s str)> {
+    let rows = said.lines().filter_map(|line| line.strip_prefix(ROW));
+    let mut of_stage = rows.filter_map(|row| {
+        let mut words = row.split_ascii_whitespace();
+        // Wall, unit, processor, unit, units. A line that begins a stage has words there.
+        let has_times = words.nth(1) == Some("s") && words.nth(1) == Some("s");
+        let name = words.nth(1).filter(|_| has_times)?;
+        let is_this = name.trim_end_matches(':') == stage;
+        is_this.then(|| (row, words.next().unwrap_or_default()))
+    });
+    of_stage.next_back()
+}
+
+/// Begin of a line that tells what a stage took.
+const ROW: &str = "==>";
+/// First words of how stages end.
+const LEFT_OUT: &str = "LEFT";
 
 /// A row of the table of stages, and its compilation units.
 fn row(meter: &Result<Meter>, what: &str) -> (String, usize) {
@@ -401,7 +485,7 @@ impl Count {
             }
             Ok(Some(why)) => {
                 self.left_out += 1;
-                format!(": LEFT OUT: {why}")
+                format!(": {LEFT_OUT} OUT: {why}")
             }
             Err(error) => {
                 self.failed += 1;
@@ -410,7 +494,7 @@ impl Count {
             }
         };
         let row = row(meter, &format!("{}{said}", stage.name)).0;
-        eprint!("==>{row}");
+        eprint!("{ROW}{row}");
         *summary += &row;
         failure
     }
@@ -623,6 +707,18 @@ mod tests {
         ] {
             assert_eq!(run(&sh, &stages, is_ci).0.line(), line);
         }
+    }
+
+    #[test]
+    fn the_rows_of_a_lane_are_found() {
+        let said = "==> one: for a test\n==>   12 s       3 s      0  one\n\
+                    ==>    1 s       0 s     17  two: FAILED\n==>    1 s       0 s      0  three: LEFT OUT: why";
+        let ends = ["one", "two", "three", "four"].map(|stage| ended(said, stage));
+        assert_eq!(
+            ends.map(|found| found.map(|(_, end)| end)),
+            [Some(""), Some("FAILED"), Some(LEFT_OUT), None]
+        );
+        assert_eq!(ends[0].unwrap().0, "   12 s       3 s      0  one");
     }
 
     #[test]

@@ -47,7 +47,7 @@ impl Meter {
     /// # Errors
     /// The operating system does not tell times of programs.
     pub(crate) fn start(sh: &Shell) -> Result<Self> {
-        let counter = sh.current_dir().join(COUNTER);
+        let counter = counter(sh);
         Ok(Self {
             begin: Instant::now(),
             before: used(&counter)?,
@@ -67,6 +67,22 @@ impl Meter {
             units: now.units.saturating_sub(self.before.units),
         })
     }
+}
+
+/// File in which the units of this process are counted.
+fn counter(sh: &Shell) -> PathBuf {
+    match sh.var_os(COUNT_IN) {
+        Some(path) => path.into(),
+        None => sh.current_dir().join(COUNTER),
+    }
+}
+
+/// Adds the units that another process counted in a file.
+pub(crate) fn add(sh: &Shell, counted: &Path) {
+    let Ok(units) = fs::read(counted) else { return };
+    // A count that fails is no reason to fail.
+    let file = fs::File::options().append(true).open(counter(sh));
+    let _ = file.and_then(|mut file| file.write_all(&units));
 }
 
 fn used(counter: &Path) -> Result<Usage> {
