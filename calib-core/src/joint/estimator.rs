@@ -805,6 +805,6 @@ fn is_sigma<T: Real>(number: &T) -> bool {
     number.is_finite() && *number > T::zero()
 }
 
-fn index(number: usize) -> Result<u16, JointError> {
+pub(super) fn index(number: usize) -> Result<u16, JointError> {
     u16::try_from(number).map_err(|_| JointError::Unknown)
 }

@@ -15,6 +15,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::{
     JointError, JointEstimator, Leg, Quantity,
+    estimator::index,
     problem::{REFERENCES, Sight, Standing, Stop, Told, root_information},
     round::Work,
 };
@@ -247,12 +248,51 @@ impl<T: Real> JointEstimator<'_, T> {
             }
         }
         self.dismiss_blind();
+        let [stops, ..] = self.counted;
+        self.give_up(stops - usize::from(stop < stops));
+        Ok(())
+    }
+
+    /// Forgets where a camera was before it was [moved](JointEstimator::split): its sightings from then go, and the camera
+    /// that it has become is this one, so that the other number is free. Measurements are in other places than before,
+    /// and answers are told again after the next round.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`] for a camera that was not moved, and for a reference, whose former place says what the frame
+    /// is.
+    pub fn forget_past(&mut self, camera: usize) -> Result<(), JointError> {
+        let past = self.cameras.get(camera).filter(|_| camera >= REFERENCES);
+        let past = past.and_then(|past| past.moved.zip(past.successor));
+        let (from, into) = past.ok_or(JointError::Unknown)?;
+        let number = index(camera)?;
+        let now = self.cameras.get_mut(usize::from(into)).map(core::mem::take);
+        if let (Some(now), Some(place)) = (now, self.cameras.get_mut(camera)) {
+            *place = now;
+        }
+        let mut n = 0;
+        while let Some(sight) = self.sights.all_mut().get_mut(n) {
+            if sight.camera == number {
+                if sight.stop < from {
+                    self.sights.swap_remove(n);
+                    continue;
+                }
+                // It came after the last round.
+                sight.standing = Standing::Counts;
+            } else if sight.camera == into {
+                sight.camera = number;
+            }
+            n += 1;
+        }
+        let [stops, ..] = self.counted;
+        self.give_up(stops);
+        Ok(())
+    }
+
+    /// Gives up the round under way, with so many stops for the next one.
+    fn give_up(&mut self, stops: usize) {
         self.work = Work::new();
         self.common.told = Told::Nothing;
-        let [stops, ..] = self.counted;
-        let stops = stops - usize::from(stop < stops);
         self.counted = [stops, self.sights.len, self.visits.len];
-        Ok(())
     }
 
     /// No longer estimates cameras that have too few bearings left.

@@ -173,6 +173,8 @@ pub struct Simulation {
     /// Index of each coordinator's console among them, by its number.
     console_index: HashMap<u16, usize>,
     further: further::Further,
+    /// Walks that targets have begun.
+    walks: u32,
     attacker: attack::Attacker,
     chips: Option<Rc<Pool>>,
     stop: Arc<AtomicBool>,
@@ -226,6 +228,7 @@ impl Simulation {
             consoles: Vec::new(),
             console_index: HashMap::new(),
             further: further::Further::new(options.further_stops),
+            walks: 1,
             attacker: attack::Attacker::default(),
             chips,
             stop: options.stop,
@@ -380,7 +383,14 @@ impl Simulation {
             self.run_looking(end, every, &is_over, &mut look);
             progress(self.progress());
             self.look_into_chips();
-            match further::lead_on(self) {
+            let mut takes = further::lead_on(self);
+            if takes.is_none() && self.walks < self.scenario.walk.walks && !is_over() {
+                let period = events::nanoseconds(self.scenario.walk.every_s);
+                let begin = period.saturating_mul(self.walks.into());
+                self.run_looking(begin, every, &is_over, &mut look);
+                takes = Some(self.walk_again());
+            }
+            match takes {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
                 _ => break,
             }
@@ -392,6 +402,29 @@ impl Simulation {
             node.read_memory();
         }
         outcome::record(self, begun.elapsed().as_secs_f64())
+    }
+
+    /// Sends all targets the way back. Returns how long that may take.
+    fn walk_again(&mut self) -> Time {
+        self.walks += 1;
+        let mut longest = 0;
+        for target in self
+            .site
+            .networks
+            .iter()
+            .flat_map(|network| &network.targets)
+        {
+            let mut way = target.stops.clone();
+            if self.walks.is_multiple_of(2) {
+                way.reverse();
+            }
+            longest = longest.max(self.patience(&way));
+            // It stands at the first of them, unless it was led on.
+            let is_there = self.further.made() == 0;
+            let way = way.into_iter().skip(is_there.into());
+            self.further.orders_of(target.id).give(way);
+        }
+        longest
     }
 
     /// Runs until a time or a condition; calls `look` now and then, and at the end.

@@ -415,6 +415,10 @@ pub struct WalkTable {
     pub step_length: f64,
     /// Time that a target stands when it is not told to walk on, seconds. Default 600.
     pub patience_s: f64,
+    /// Number of walks. Each one visits the stops of the one before, from the last to the first. Default 1.
+    pub walks: u32,
+    /// Time from the begin of a walk to that of the next, seconds. Default 86,400: a day.
+    pub every_s: f64,
 }
 
 impl Default for WalkTable {
@@ -424,6 +428,8 @@ impl Default for WalkTable {
             arrive_within: 0.02,
             step_length: 0.1,
             patience_s: 600.0,
+            walks: 1,
+            every_s: 86_400.0,
         }
     }
 }

@@ -2,7 +2,7 @@
 //! that drift, carriers who rest or hurry.
 
 use results::record::{Estimate, RunRecord};
-use site::{Action, Scenario};
+use site::{Action, Overrides, Scenario};
 
 use crate::network::yard::{
     COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_fair,
@@ -87,6 +87,39 @@ fn seven_idle_days_with_a_restart_every_hour() {
             node.id
         );
         assert!(years > 5.0, "node {}: {years} years", node.id);
+    }
+}
+
+/// Before each day's walk through an office some cameras were moved: more of them than a target has numbers to spare, and
+/// one of them twice. The walk finds all of them again.
+#[test]
+fn cameras_move_again_and_again() {
+    let mut scenario = Scenario::load("office", &Overrides::default()).unwrap();
+    let moves = [(1, 14), (1, 5), (1, 8), (2, 16), (2, 12), (3, 14), (3, 10)];
+    scenario.walk.walks = 4;
+    scenario.walk.every_s = DAY_S;
+    scenario.walk.arrive_within = 0.2;
+    for (day, node) in moves {
+        let bump = Action::BumpCamera {
+            node,
+            by: [0.1, -0.1],
+            turn_deg: 9.0,
+        };
+        scenario = with(scenario, (f64::from(day) - 0.5) * DAY_S, bump);
+    }
+    let record = run(scenario);
+    assert!(record.sim_seconds > 3.0 * DAY_S);
+    assert_all_calibrated(&record, "moved");
+    for camera in record.cameras() {
+        if !moves.iter().any(|(_, node)| *node == camera.id) {
+            continue;
+        }
+        let error = camera.error.as_ref().unwrap();
+        let sigma = camera.estimate.as_ref().unwrap().sigma_heading_deg;
+        assert!(
+            camera.nees.unwrap() < 30.0 && error.heading_deg.abs() < 5.0 * sigma,
+            "{camera:?}"
+        );
     }
 }
 

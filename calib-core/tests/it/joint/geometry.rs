@@ -325,6 +325,50 @@ fn a_split_camera_is_two() {
     }
 }
 
+/// A camera whose former place is forgotten is estimated as one that was never there, and may be moved again.
+#[test]
+fn a_moved_camera_forgets_its_past() {
+    let walk = Walk::random(&mut generator(11), 8, 24, CarrierErrors::UNKNOWN, 0.0024);
+    let camera = (2..8).max_by_key(|&camera| walk.seen_by(camera)).unwrap();
+    let from = 8;
+    let mut later = walk.clone();
+    later
+        .bearings
+        .retain(|seen| seen.camera != camera || seen.stop >= from);
+    let mut expected = filled::<f64>(&later, WIDE);
+    expected.solve().unwrap();
+
+    let mut joint = filled::<f64>(&walk, WIDE);
+    joint.solve().unwrap();
+    for unmoved in [0, camera, 16] {
+        assert_eq!(
+            joint.forget_past(unmoved),
+            Err(JointError::Unknown),
+            "{unmoved}"
+        );
+    }
+    joint.split(camera, from, 9).unwrap();
+    joint.solve().unwrap();
+    joint.forget_past(camera).unwrap();
+    assert_eq!(joint.moved(camera), None);
+    joint.solve().unwrap();
+    assert!(joint.pose(9).is_err());
+    for camera in 2..8 {
+        let (a, b) = (joint.pose(camera), expected.pose(camera));
+        assert_eq!(a.is_ok(), b.is_ok(), "{camera}");
+        let (Ok(a), Ok(b)) = (a, b) else { continue };
+        assert!((a.position - b.position).norm() < 1e-3 * a.sigma_position());
+    }
+    // The number is free for the next move.
+    joint.split(camera, 16, 9).unwrap();
+    joint.solve().unwrap();
+    joint.forget_past(camera).unwrap();
+    // Where a reference was says what the frame is.
+    joint.split(1, 12, 9).unwrap();
+    joint.solve().unwrap();
+    assert_eq!(joint.forget_past(1), Err(JointError::Unknown));
+}
+
 /// A stop to which nothing was measured, and where no camera saw the target, is named with all that depends
 /// on it, and nothing else is worse for it.
 #[test]

@@ -172,6 +172,8 @@ const REHEARSAL: &[Key] = &[
     key("walk.arrive_within", Number(1e-4, 1e3, " units"), Is("0.02"), Rehearsal, "A leg ends so near to its goal."),
     key("walk.step_length", Number(1e-3, 1e3, " units"), Is("0.1"), Rehearsal, "How far a step goes."),
     key("walk.patience_s", SECONDS, Is("600"), Rehearsal, "How long a target stands without being told to walk on."),
+    key("walk.walks", Whole(1.0, 1_000.0, ""), Is("1"), Rehearsal, "How often they walk: each walk visits the stops of the one before, from the last to the first."),
+    key("walk.every_s", SECONDS, Is("86400"), Rehearsal, "From the begin of a walk to that of the next; a walk that is late begins when the one before has ended."),
 
     key("sensor.measures", Flag, Is("false"), Rehearsal, "It measures what was walked; otherwise it reports the way from goal to goal, as in the thesis."),
     key("sensor.leg_distance", Number(0.0, 1.0, " of the distance"), Is("0"), Rehearsal, "Error of all distances of a leg, standard deviation."),

@@ -199,10 +199,12 @@ impl Walker {
     pub fn go_on(&mut self, stops: impl IntoIterator<Item = Point2<f64>>, now: Time) {
         let stands = self.is_done();
         self.stops.extend(stops);
-        if let State::Standing { leave_at, .. } = &mut self.state
+        if let State::Standing { since, leave_at } = &mut self.state
             && stands
         {
-            leave_at.get_or_insert(now);
+            // Not when the lamp went on for the last stop.
+            *since = now;
+            *leave_at = Some(now);
         }
     }
 

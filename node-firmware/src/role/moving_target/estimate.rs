@@ -71,6 +71,12 @@ const LOST_STOPS: usize = 12;
 /// Pairs of cameras between which a frame is tried at one stop.
 const FAILED: usize = 6;
 
+/// Bearings of a camera at a new place after which it is clear that it was moved: no slipped leg explains them.
+const SETTLED: usize = 8;
+
+/// Numbers of the references: their former place says what the frame is.
+const FRAME_CAMERAS: usize = 2;
+
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
 /// Memory for a target's measurements and estimates.
@@ -118,6 +124,14 @@ struct Votes {
     worst: Option<(usize, f32)>,
 }
 
+impl Camera {
+    /// Number that no camera has.
+    const FREE: Self = Self {
+        address: MemberAddress::MAX,
+        is_successor: true,
+    };
+}
+
 impl Votes {
     /// More agree than not: the others have been moved. Otherwise the frame may be wrong.
     const fn are_for(&self) -> bool {
@@ -137,6 +151,8 @@ pub(super) struct Estimate<'m> {
     news: u32,
     /// To be told again after the next solve, whatever its result.
     again: u32,
+    /// Moved cameras whose former place is to be forgotten: a bit for each.
+    pub(super) past: u32,
     /// Bearings before this one are written down, or are to be.
     pub(super) saved: usize,
     /// Stops of a former run are not in their order yet.
@@ -176,6 +192,7 @@ impl<'m> Estimate<'m> {
             told,
             news: 0,
             again: 0,
+            past: 0,
             saved: 0,
             is_restoring: false,
             way: None,
@@ -262,6 +279,11 @@ impl<'m> Estimate<'m> {
             address,
             is_successor,
         };
+        let free = self.cameras.iter().position(|known| *known == Camera::FREE);
+        if let Some(place) = free.and_then(|free| self.cameras.get_mut(free)) {
+            *place = camera;
+            return free;
+        }
         self.cameras.push(camera).ok()?;
         Some(self.cameras.len() - 1)
     }
@@ -469,12 +491,37 @@ impl<'m> Estimate<'m> {
     }
 
     /// Begins to estimate everything anew, if there is something new: returns true if that is so.
-    pub(super) fn begin(&mut self) -> bool {
+    pub(super) fn begin(&mut self, unsaved: &mut Unsaved) -> bool {
         let begins = !self.wants_frame() && core::mem::take(&mut self.is_new);
         if begins {
+            self.forget_past(unsaved);
             self.estimator.begin(ROUND);
         }
         begins
+    }
+
+    /// Forgets former places of moved cameras, so that those, and others, may be moved again. All bearings are then to be
+    /// written down anew.
+    pub(super) fn forget_past(&mut self, unsaved: &mut Unsaved) {
+        for camera in FRAME_CAMERAS..self.cameras.len() {
+            let Some((_, Some(now))) = self.estimator.moved(camera) else {
+                continue;
+            };
+            let [_, count] = self.estimator.bearings_of(now);
+            if count < SETTLED && self.past & (1 << camera) == 0 {
+                continue;
+            }
+            // Also those that will be empty.
+            self.rewrite_bearings(unsaved);
+            if self.estimator.forget_past(camera).is_ok()
+                && let Some(number) = self.cameras.get_mut(now)
+            {
+                debug!("the former place of a moved camera is forgotten");
+                *number = Camera::FREE;
+                self.saved = self.estimator.bearings();
+            }
+        }
+        self.past = 0;
     }
 
     /// Some of the work. `None`: there is more. Else its result, if there is one.
@@ -537,28 +584,33 @@ impl<'m> Estimate<'m> {
     }
 
     /// Something contradicts the rest. A camera that does has been moved: it is estimated anew.
-    fn on_found(&mut self, finding: &Finding<f32>) {
+    pub(super) fn on_found(&mut self, finding: &Finding<f32>) {
         let &Finding::Camera { camera, from, .. } = finding else {
             return;
         };
         let Some(found) = self.cameras.get(camera).copied() else {
             return;
         };
-        // One that was moved twice is not estimated a third time.
-        if found.is_successor
-            || self
-                .estimator
-                .moved(camera)
-                .is_some_and(|(_, into)| into.is_some())
-        {
+        let now_of = |number: usize| Some((number, self.estimator.moved(number)?.1?));
+        if now_of(camera).is_some() {
             return;
         }
-        let is_it = |camera: &Camera| camera.address == found.address && camera.is_successor;
-        let into = match self.cameras.iter().position(is_it) {
-            Some(into) => Some(into),
-            None => self.add(found.address, true),
-        };
-        self.is_new |= into.is_some_and(|into| self.estimator.split(camera, from, into).is_ok());
+        let is_it = |known: &Camera| known.address == found.address && known.is_successor;
+        let known = self.cameras.iter().position(is_it);
+        if !found.is_successor
+            && let Some(into) = known.or_else(|| self.add(found.address, true))
+        {
+            self.is_new |= self.estimator.split(camera, from, into).is_ok();
+            return;
+        }
+        // It was moved once more, or no number is free: a former place is forgotten, and the next round finds this again.
+        let now_of = |number: usize| Some((number, self.estimator.moved(number)?.1?));
+        let moved = (FRAME_CAMERAS..self.cameras.len()).filter_map(now_of);
+        let mut moved = moved.filter(|&(_, now)| !found.is_successor || now == camera);
+        if let Some((past, _)) = moved.next() {
+            self.past |= 1 << past;
+            self.is_new = true;
+        }
     }
 
     /// Place of the target, and the reports for cameras.
@@ -796,6 +848,7 @@ impl<'m> Estimate<'m> {
         self.told.fill(None);
         self.news = 0;
         self.again = 0;
+        self.past = 0;
         self.way = None;
         self.frame = None;
         self.rejected = None;

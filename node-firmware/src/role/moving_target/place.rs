@@ -196,7 +196,7 @@ impl TargetRole<'_> {
         self.estimate_at = Some(now + BREATH);
         if !self.is_estimating {
             estimate.find_frame(&self.table, &self.config);
-            self.is_estimating = estimate.begin();
+            self.is_estimating = estimate.begin(&mut self.unsaved);
             if !self.is_estimating {
                 self.estimate_at = None;
             }

@@ -1,4 +1,4 @@
-//! Checks that `memory-functions` does what the C standard asks, on an emulated Cortex-M4: `cargo xtask cortex-m`
+//! Checks that `memory-functions` does what the C standard and the Run-time ABI ask, on an emulated Cortex-M4: `cargo xtask cortex-m`
 //! runs it.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
@@ -125,8 +125,34 @@ mod on_board {
         }
     }
 
+    /// Quotient and remainder are right if they give the dividend, and the remainder is less than the divisor.
+    fn divides(dividend: u64, divisor: u64) {
+        let (n, d) = (black_box(dividend), black_box(divisor));
+        let (quotient, rest) = (n / d, n % d);
+        let product = quotient.checked_mul(d);
+        let whole = product.and_then(|product| product.checked_add(rest));
+        assert!(
+            rest < d && whole == Some(n),
+            "{dividend:x} by {divisor:x}: {quotient:x}, {rest:x}"
+        );
+    }
+
+    /// All ones and a single one of each length, their neighbours, and what lies between.
+    fn numbers() -> impl Iterator<Item = u64> {
+        (0..64).flat_map(|bits| {
+            let power = 1_u64 << bits;
+            let between = 0x9e37_79b9_7f4a_7c15_u64.rotate_left(bits) >> (63 - bits);
+            [power - 1, power, power + 1, between, u64::MAX - power]
+        })
+    }
+
     #[cortex_m_rt::entry]
     fn main() -> ! {
+        for dividend in numbers() {
+            for divisor in numbers().filter(|divisor| *divisor > 0) {
+                divides(dividend, divisor);
+            }
+        }
         for bytes in 0..=LONGEST {
             for to in 0..=2 * AROUND {
                 for from in 0..=2 * AROUND {

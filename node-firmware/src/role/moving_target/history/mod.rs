@@ -152,10 +152,15 @@ impl Estimate<'_> {
         for tag in self.estimator.tags() {
             unsaved.insert(stop_record(tag.slot.into()));
         }
+        self.rewrite_bearings(unsaved);
+        self.saved = 0;
+    }
+
+    /// All records of bearings are to be written anew.
+    pub(super) fn rewrite_bearings(&self, unsaved: &mut Unsaved) {
         for place in 0..self.estimator.bearings() {
             unsaved.insert(bearing_record(place));
         }
-        self.saved = 0;
     }
 
     /// Stops to write down.

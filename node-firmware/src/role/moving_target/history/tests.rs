@@ -2,7 +2,7 @@ use std::{boxed::Box, collections::BTreeMap, vec::Vec};
 
 use calib_core::{
     dead_reckoning::Step,
-    joint::{BearingStorage, StopStorage, UnknownStorage},
+    joint::{BearingStorage, Finding, StopStorage, UnknownStorage},
 };
 use nalgebra::Point2;
 use rand::{RngExt, SeedableRng};
@@ -233,4 +233,52 @@ fn what_is_forgotten_is_not_restored() {
     // A target that stands counts the stop at which it does.
     let after = restored(&mut flash, 20, true);
     assert_eq!((after.estimator.stops(), after.index(20)), (1, Some(0)));
+}
+
+/// What a moved camera saw from its former place is written over, and a camera may be moved often.
+#[test]
+fn a_former_place_is_not_restored() {
+    let (mut flash, mut unsaved) = (Flash::new(), Unsaved::new());
+    let mut estimate = estimate();
+    for round in 0..2 * CAMERAS as StopNumber {
+        // It was moved before the fifth of ten stops.
+        for stop in 10 * round + 1..=10 * round + 10 {
+            estimate.on_step(&step(stop - 1, stop));
+            estimate.on_stop(stop, &mut unsaved);
+            for camera in 1..=4 {
+                estimate.on_seen(camera, stop, &seen(stop, camera), 0.0, &mut unsaved);
+            }
+        }
+        let from = 10 * round + 5;
+        let (moved, first) = (3, estimate.index(from).unwrap());
+        let number = estimate.number(moved).unwrap();
+        let camera = number;
+        estimate.on_found(&Finding::Camera {
+            camera,
+            from: first,
+            chi_squared: 100.0,
+        });
+        assert!(
+            estimate
+                .estimator
+                .moved(number)
+                .is_some_and(|(_, into)| into.is_some()),
+            "{round}"
+        );
+        estimate.past = 1 << number;
+        estimate.forget_past(&mut unsaved);
+        let bearings = bearings(&estimate);
+        let of = |camera| {
+            bearings
+                .iter()
+                .filter(move |bearing| bearing.camera == camera)
+        };
+        assert!(of(moved).all(|bearing| bearing.stop >= from));
+        assert_eq!(of(moved).count(), 6);
+        assert!(of(4).count() > 6 || round == 0);
+        estimate.save_bearings(true, &mut unsaved);
+        write(&estimate, &mut unsaved, &mut flash, usize::MAX).unwrap();
+        let again = restored(&mut flash.clone(), 10 * round + 10, true);
+        assert_eq!(self::bearings(&again), bearings);
+    }
 }
