@@ -15,6 +15,7 @@ mod camera;
 mod cramer_rao;
 mod figure;
 mod joint;
+mod months;
 mod network;
 mod precision;
 mod recorded;
@@ -55,6 +56,8 @@ enum Topic {
     Building,
     /// Objects without a radio, tracked by a network that calibrated itself.
     Track,
+    /// Cameras that are moved, in 90 days of an office: five minutes.
+    Months,
     /// Speed and memory with many nodes, and networks solved again: minutes, and Linux only.
     Scale,
     /// A thousand cameras that forty publishers tell a broker, shown by one page: minutes, Linux and mosquitto only.
@@ -85,6 +88,7 @@ fn main() -> anyhow::Result<ExitCode> {
             Topic::Network => network::run(&mut sheet)?,
             Topic::Building => building::run(&mut sheet)?,
             Topic::Track => track::run(&mut sheet)?,
+            Topic::Months => months::run(&mut sheet)?,
             Topic::Scale => scale::run(&mut sheet)?,
             Topic::Broker => scale::broker::run(&mut sheet)?,
             Topic::Brief => {

@@ -85,7 +85,9 @@ impl RunRecord {
         for node in &mut self.nodes {
             let times = [&mut node.calibrated_seconds, &mut node.heard_seconds];
             let failures = node.failures.iter_mut().map(|failure| &mut failure.seconds);
-            let times = times.into_iter().flatten().chain(failures);
+            let moves = node.moved.iter_mut();
+            let moves = moves.flat_map(|own| [&mut own.after_seconds, &mut own.noticed_seconds]);
+            let times = times.into_iter().flatten().chain(failures).chain(moves);
             times.for_each(|seconds| *seconds += by);
         }
         let stops = self.targets.iter_mut().flat_map(|own| &mut own.stops);

@@ -251,6 +251,9 @@ pub struct Node {
     /// Its mounting, of a camera that is not level as its rows tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount: Option<NodeMount>,
+    /// Its last move, if it stands or looks elsewhere than it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<NodeMove>,
     /// Each sighting against the estimate.
     pub residuals: Vec<Residual>,
     /// When it had its first pose.
@@ -291,6 +294,19 @@ pub struct NodeLens {
     pub projection: Projection,
     /// From the middle of the first column to that of the last one.
     pub fov_deg: f64,
+}
+
+/// Move of a camera, as the poses tell that it had before and has since.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodeMove {
+    /// When the former pose was told last: the camera was moved after that, seconds.
+    pub after_seconds: f64,
+    /// When the former pose was doubted, or replaced at once: the camera was moved before that, seconds.
+    pub noticed_seconds: f64,
+    /// Distance between the two places.
+    pub distance: f64,
+    /// Turn between the two headings, counter-clockwise.
+    pub turn_deg: f64,
 }
 
 /// Mounting of a camera that is not level, as its rows tell.
@@ -582,6 +598,7 @@ impl Node {
             done,
             lens,
             mount,
+            moved,
             residuals,
             calibrated_seconds,
             silent,
@@ -617,6 +634,7 @@ impl Node {
             && *done == other.done
             && *lens == other.lens
             && *mount == other.mount
+            && *moved == other.moved
             && *calibrated_seconds == other.calibrated_seconds
             && *silent == other.silent
             && *health == other.health
@@ -647,6 +665,7 @@ impl Node {
             done: false,
             lens: None,
             mount: None,
+            moved: None,
             residuals: Vec::new(),
             calibrated_seconds: None,
             heard_seconds: None,

@@ -7,7 +7,7 @@
 
 use std::{collections::BTreeMap, fmt, time::Duration};
 
-use calib_core::{Pose, Refusal, Status};
+use calib_core::{Pose, Refusal, Status, angle::wrap_signed};
 use node_firmware::{
     console::{KeyChangeReport, NetworkInfo, ToPc},
     message::{
@@ -18,8 +18,8 @@ use node_firmware::{
 };
 
 use crate::record::{
-    Estimate, Node, NodeLens, NodeMount, Protection,
-    verdict::{half_turn, health_words, status_words},
+    Estimate, Node, NodeLens, NodeMount, NodeMove, Protection,
+    verdict::{half_turn, health_words, move_words, status_words},
 };
 
 mod command;
@@ -59,6 +59,12 @@ pub struct Member {
     pub heard: Option<Duration>,
     /// When it first reported a pose.
     pub posed: Option<Duration>,
+    /// Its last calibrated pose, and when it was told last.
+    good: Option<(Duration, Pose<f64>)>,
+    /// When that pose became doubtful.
+    doubted: Option<Duration>,
+    /// Its last move.
+    pub moved: Option<NodeMove>,
     /// The sightings that it told when it was asked, by their place in its list.
     pub sightings: BTreeMap<u8, ListedSighting>,
     /// When it was asked for them, and has not answered since.
@@ -152,6 +158,7 @@ impl Member {
         }
         node.status = Some(self.status());
         node.reason = self.reason();
+        node.moved = self.moved;
         if let Some(pose) = self.pose() {
             node.set_pose(&pose);
         }
@@ -461,6 +468,9 @@ impl NetworkView {
                 replaced: false,
                 heard: None,
                 posed: None,
+                good: None,
+                doubted: None,
+                moved: None,
                 sightings: BTreeMap::new(),
                 asked: None,
                 stops: BTreeMap::new(),
@@ -493,9 +503,48 @@ impl NetworkView {
         if report.pose().is_some() {
             member.posed.get_or_insert(now);
         }
+        let moved = member.compare(now);
         let address = member.address;
         let member = self.members.iter().find(|own| own.address == address);
-        { member.filter(|_| is_news) }.map(|member| Progress(member, self.unit()).to_string())
+        { member.filter(|_| is_news) }.map(|member| {
+            let progress = Progress(member, self.unit());
+            match moved {
+                Some(moved) => format!("{progress}; {}", move_words(&moved, self.unit())),
+                None => progress.to_string(),
+            }
+        })
+    }
+}
+
+/// Chi squared by which a pose contradicts the former one: chance does that once in 700,000 poses, or once in 100 of
+/// those that became doubtful meanwhile.
+const CONTRADICTS: f64 = 30.0;
+const CONFIRMS_DOUBT: f64 = 11.3;
+
+impl Member {
+    /// Compares the pose that it just told with the one before. Returns a move that this tells.
+    fn compare(&mut self, now: Duration) -> Option<NodeMove> {
+        let status = self.status();
+        if status == Status::Doubtful && self.good.is_some() {
+            self.doubted.get_or_insert(now);
+        }
+        let pose = self.pose().filter(|_| status == Status::Calibrated)?;
+        let (after, former) = self.good.replace((now, pose))?;
+        let doubted = self.doubted.take();
+        let both = Pose {
+            covariance: pose.covariance + former.covariance,
+            ..pose
+        };
+        let off = both.normalised_error(former.position, former.heading)?;
+        let limit = doubted.map_or(CONTRADICTS, |_| CONFIRMS_DOUBT);
+        let moved = (off > limit).then(|| NodeMove {
+            after_seconds: after.as_secs_f64(),
+            noticed_seconds: doubted.unwrap_or(now).as_secs_f64(),
+            distance: (pose.position - former.position).norm(),
+            turn_deg: wrap_signed(pose.heading - former.heading).to_degrees(),
+        });
+        self.moved = moved.or(self.moved);
+        moved
     }
 }
 
@@ -641,6 +690,44 @@ mod tests {
         for message in [&messages[1], &messages[2], &messages[5]] {
             assert_eq!(known.take(NOW, message), None);
         }
+    }
+
+    /// A camera that was turned by 5 degrees: at once, or after a doubt, and never of itself.
+    #[test]
+    fn a_move_is_told_once() {
+        let turned = |degrees: f32| {
+            CameraState::Calibrated(PoseParts {
+                position: [1.0, -2.0],
+                heading: degrees.to_radians(),
+                covariance: [0.04, 0.0, 0.0, 0.09, 0.0, 0.0001],
+            })
+        };
+        let doubtful = |degrees| match turned(degrees) {
+            CameraState::Calibrated(parts) => CameraState::Doubtful(parts),
+            other => other,
+        };
+        let at = |hours: u64| Duration::from_secs(3600 * hours);
+        let mut known = NetworkView::default();
+        let mut tell = |hours, state| known.take(at(hours), &reported(1, 7, state)).unwrap();
+        assert!(!tell(0, turned(90.0)).contains("moved"));
+        assert!(!tell(24, turned(91.0)).contains("moved"));
+        assert!(!tell(48, doubtful(91.0)).contains("moved"));
+        let told = tell(49, turned(96.0));
+        let words = "; moved by 0.00 units and turned by 5.0 deg after 24.0 h, noticed at 48.0 h";
+        assert!(told.ends_with(words), "{told}");
+        // A doubt that the same pose ends was none. What it says of itself is compared with that.
+        assert!(!tell(50, doubtful(96.0)).contains("moved"));
+        assert!(!tell(51, turned(96.1)).contains("moved"));
+        let told = tell(96, turned(106.0));
+        assert!(
+            told.ends_with("turned by 9.9 deg after 51.0 h, noticed at 4.00 days"),
+            "{told}"
+        );
+        let moved = known.members[0].moved.unwrap();
+        assert_eq!(
+            (moved.after_seconds, moved.noticed_seconds),
+            (51.0 * 3600.0, 96.0 * 3600.0)
+        );
     }
 
     /// When it began is when it was told first, and the place the one told last.

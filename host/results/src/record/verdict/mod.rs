@@ -14,7 +14,7 @@ use nalgebra::{Isometry2, Point2};
 use node_firmware::message::Health;
 
 use super::{
-    Node, NodeLens, NodeMount, Protection, Role, RunRecord, checks,
+    Node, NodeLens, NodeMount, NodeMove, Protection, Role, RunRecord, checks,
     next_stop::{Proposed, Wish},
 };
 
@@ -27,6 +27,7 @@ pub use causes::deceives;
 pub use in_view::InView;
 pub(super) use in_view::{Edge, Floor, edges, is_free};
 pub use judge::Judge;
+pub(crate) use words::move_words;
 pub use words::{check_words, half_turn, health_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
@@ -58,6 +59,8 @@ pub struct Verdict {
     pub silent: Vec<(u16, Role, Option<f64>)>,
     /// Nodes that say that something is the matter with them, by ascending number.
     pub unwell: Vec<(u16, Role, Health)>,
+    /// Cameras that were moved, and have another pose since.
+    pub moved: Vec<(u16, NodeMove)>,
     /// Nodes whose firmware could not go on, by ascending number.
     pub failing: Vec<Failing>,
     /// Where to stop the target next: by ascending network, the best place first.
@@ -383,6 +386,9 @@ impl Verdict {
             silent: others()
                 .filter(|node| node.silent)
                 .map(|node| (node.id, node.role, node.heard_seconds))
+                .collect(),
+            moved: { record.nodes.iter() }
+                .filter_map(|node| Some((node.id, node.moved?)))
                 .collect(),
             unwell: { record.nodes.iter() }
                 .filter(|node| node.health != Health::default())

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt};
 use calib_core::{Refusal, Status, camera::Projection};
 use node_firmware::message::{Eye, Health, Memory, Restart};
 
-use crate::record::NodeMount;
+use crate::record::{NodeMount, NodeMove};
 
 use super::{
     Cause, Common, Failing, Finding, Gain, Gained, InView, Instead, NextStop, Protection, Role,
@@ -97,6 +97,35 @@ impl fmt::Display for Since {
         match self.0 {
             Some(seconds) => write!(f, "last heard at {seconds:.0} s"),
             None => f.write_str("it was never heard"),
+        }
+    }
+}
+
+/// Move of a camera, in words.
+pub(crate) fn move_words(moved: &NodeMove, unit: &str) -> String {
+    let NodeMove {
+        after_seconds,
+        noticed_seconds,
+        distance,
+        turn_deg,
+    } = *moved;
+    format!(
+        "moved by {distance:.2} {unit} and turned by {turn_deg:.1} deg after {}, noticed at {}",
+        Moment(after_seconds),
+        Moment(noticed_seconds)
+    )
+}
+
+/// A time of a run that may last for months.
+struct Moment(f64);
+
+impl fmt::Display for Moment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (hour, day) = (3_600.0, 86_400.0);
+        match self.0 {
+            seconds if seconds < 3.0 * hour => write!(f, "{seconds:.0} s"),
+            seconds if seconds < 3.0 * day => write!(f, "{:.1} h", seconds / hour),
+            seconds => write!(f, "{:.2} days", seconds / day),
         }
     }
 }
@@ -701,6 +730,10 @@ impl Verdict {
                 .map(|(id, who, health)| format!("{} {id}: {}", role(*who), health_words(health))),
         );
         problems.extend(self.failing.iter().map(Failing::to_string));
+        let moved = self.moved.iter();
+        problems.extend(
+            moved.map(|(id, moved)| format!("camera {id}: {}", move_words(moved, &self.unit))),
+        );
         for problem in &mut problems {
             problem.insert_str(0, "  ");
         }
