@@ -215,7 +215,7 @@ fn one(seed: u64) -> anyhow::Result<Run> {
     };
     let mut scenario = Scenario::load("office", &changes)?;
     scenario.walk.walks = DAYS;
-    // Nobody stands in the same place twice.
+    // A person does not stand in the same place twice.
     scenario.walk.arrive_within = 0.2;
     let mut moves = drawn(seed, &scenario);
     scenario.events.extend(events(&moves));

@@ -235,7 +235,7 @@ fn what_is_forgotten_is_not_restored() {
     assert_eq!((after.estimator.stops(), after.index(20)), (1, Some(0)));
 }
 
-/// What a moved camera saw from its former place is written over, and a camera may be moved often.
+/// Bearings of a moved camera from its former place are written over, and a camera may be moved often.
 #[test]
 fn a_former_place_is_not_restored() {
     let (mut flash, mut unsaved) = (Flash::new(), Unsaved::new());
