@@ -699,7 +699,7 @@ mod tests {
             CameraState::Calibrated(PoseParts {
                 position: [1.0, -2.0],
                 heading: degrees.to_radians(),
-                covariance: [0.04, 0.0, 0.0, 0.09, 0.0, 0.0001],
+                covariance: [0.04, 0.0, 0.09, 0.0, 0.0, 0.0001],
             })
         };
         let doubtful = |degrees| match turned(degrees) {
