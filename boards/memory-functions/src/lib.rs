@@ -8,7 +8,8 @@
 //!
 //! Names and arguments: C standard, 7.24; Run-time ABI for the Arm Architecture, 4.3.1 and 4.3.4, whose variants
 //! for aligned blocks may assume so and need not. As there, no argument is a pointer to the registers of
-//! a peripheral. `cargo xtask cortex-m` compares them with loops over bytes on an emulated processor.
+//! a peripheral. `cargo xtask cortex-m` compares them with loops over bytes, and quotients with
+//! what a division is, on an emulated processor.
 #![no_std]
 #![cfg_attr(
     all(target_os = "none", target_arch = "arm", target_abi = "eabihf"),

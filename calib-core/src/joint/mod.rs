@@ -147,8 +147,8 @@ mod whole;
 pub use estimator::{JointEstimator, JointMemory};
 pub use keeping::{Measured, RestoredLeg, StopTag};
 pub use problem::{
-    Quantity, Sight as BearingStorage, Standing, Stop as StopStorage, Unknown as UnknownStorage,
-    Visit as VisitStorage,
+    Quantity, REFERENCES, Sight as BearingStorage, Standing, Stop as StopStorage,
+    Unknown as UnknownStorage, Visit as VisitStorage,
 };
 pub use round::{Progress, Round};
 pub use whole::Solver;

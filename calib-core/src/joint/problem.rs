@@ -16,7 +16,7 @@ use crate::{
 const ROWS: usize = 32;
 
 /// Cameras 0 and 1: they define the frame.
-pub(super) const REFERENCES: usize = 2;
+pub const REFERENCES: usize = 2;
 
 /// Unknowns of a camera at most, and which is which. A camera's block is a part of them, in this order: of a
 /// reference without its place, without the principal point or the whole lens if these are not estimated.

@@ -1,5 +1,5 @@
-//! A carrier that does what the verdict asks for: walks on to the next stops until every camera that can
-//! be calibrated is, and every pose is checked.
+//! Targets that walk on: to the next stops that the verdict asks for, until every camera that can be calibrated is, and
+//! every pose is checked; and the same way again, another day.
 
 use std::{collections::BTreeMap, rc::Rc};
 
@@ -149,6 +149,36 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     }
     if longest.is_none() {
         simulation.further.end = Some(FurtherEnd::Unasked);
+    }
+    longest
+}
+
+/// Sends all targets the way back, from where they were led on first to its begin. Returns how long that may take.
+pub(super) fn walk_again(simulation: &mut Simulation) -> Time {
+    simulation.walks += 1;
+    let is_led = simulation.further.made > 0;
+    let mut longest = 0;
+    let targets = { simulation.site.networks.iter() }.flat_map(|network| &network.targets);
+    let ways: Vec<_> = targets
+        .map(|target| {
+            let mut stops = target.stops.clone();
+            if simulation.walks.is_multiple_of(2) {
+                stops.reverse();
+            }
+            let (first, others) = stops.split_at(stops.len().min(1));
+            // Else it stands there.
+            let mut way = if is_led {
+                route(simulation, target, first, usize::MAX)
+            } else {
+                Vec::new()
+            };
+            way.extend(others);
+            longest = longest.max(simulation.patience(&stops) + simulation.patience(&way));
+            (target.id, way)
+        })
+        .collect();
+    for (id, way) in ways {
+        simulation.further.orders_of(id).give(way);
     }
     longest
 }

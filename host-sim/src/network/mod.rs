@@ -388,7 +388,7 @@ impl Simulation {
                 let period = events::nanoseconds(self.scenario.walk.every_s);
                 let begin = period.saturating_mul(self.walks.into());
                 self.run_looking(begin, every, &is_over, &mut look);
-                takes = Some(self.walk_again());
+                takes = Some(further::walk_again(self));
             }
             match takes {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
@@ -402,29 +402,6 @@ impl Simulation {
             node.read_memory();
         }
         outcome::record(self, begun.elapsed().as_secs_f64())
-    }
-
-    /// Sends all targets the way back. Returns how long that may take.
-    fn walk_again(&mut self) -> Time {
-        self.walks += 1;
-        let mut longest = 0;
-        for target in self
-            .site
-            .networks
-            .iter()
-            .flat_map(|network| &network.targets)
-        {
-            let mut way = target.stops.clone();
-            if self.walks.is_multiple_of(2) {
-                way.reverse();
-            }
-            longest = longest.max(self.patience(&way));
-            // It stands at the first of them, unless it was led on.
-            let is_there = self.further.made() == 0;
-            let way = way.into_iter().skip(is_there.into());
-            self.further.orders_of(target.id).give(way);
-        }
-        longest
     }
 
     /// Runs until a time or a condition; calls `look` now and then, and at the end.

@@ -14,11 +14,12 @@ pub mod camera;
 pub mod coordinator;
 pub mod moving_target;
 
+pub use self::reports::{CONTRADICTION, contradiction};
 pub(crate) use self::{
     last_network::LastNetwork,
     notifications::{Notification, Notifications, RETRY},
     outbox::Outbox,
-    reports::{CONTRADICTION, Reports, contradiction, is_news},
+    reports::{Reports, is_news},
     unsaved::Unsaved,
 };
 

@@ -133,11 +133,11 @@ impl<T: Default> Reports<T> {
 
 /// Two poses of one camera contradict each other from this chi squared on, with three degrees of freedom:
 /// chance exceeds it once in a million.
-pub(crate) const CONTRADICTION: f32 = 30.0;
+pub const CONTRADICTION: f32 = 30.0;
 
 /// Distance between two poses of one camera, as chi squared. Where both places were given, only headings are
 /// compared.
-pub(crate) fn contradiction(one: &Pose<f32>, other: &Pose<f32>) -> f32 {
+pub fn contradiction(one: &Pose<f32>, other: &Pose<f32>) -> f32 {
     let covariance = one.covariance + other.covariance;
     let both = Pose { covariance, ..*one };
     let off = both.normalised_error(other.position, other.heading);

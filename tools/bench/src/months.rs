@@ -8,7 +8,7 @@ use calib_core::{Status, angle::wrap_signed};
 use host_sim::network::{Options, Simulation};
 use node_firmware::message::Report;
 use rand::RngExt;
-use results::record::RunRecord;
+use results::record::{RunRecord, verdict::deceives};
 use site::{Action, Overrides, Scenario, ScriptedEvent};
 use test_support::generator;
 
@@ -26,11 +26,9 @@ const WALKS: f64 = 3.0;
 /// Days for which a camera that sags does so, and those between two moves of one camera at least.
 const SAGS: u32 = 8;
 const APART: u32 = 14;
-/// Squared error over covariance beyond which a calibrated pose deceives: 5 sigma of a place.
-const DECEIVES: f64 = 28.7;
 
 /// Moves of a camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Turned,
     Shifted,
@@ -67,8 +65,10 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         sheet.figure(&format!("{kind:?}"), of as f64, "", &Goal::None);
     }
     let within = |at: fn(&Move) -> Option<f64>, walks: f64| {
-        let late = |moved: &&&Move| at(moved).is_none_or(|at| at > moved.during[1] + walks * DAY_S);
-        moves.iter().filter(late).count() as f64
+        let late = moves
+            .iter()
+            .filter(|moved| is_late(at(moved), moved, walks));
+        late.count() as f64
     };
     let noticed = within(|moved| moved.noticed, WALKS);
     sheet.figure(
@@ -108,10 +108,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         &Goal::None,
     );
     for moved in moves {
-        if moved
-            .noticed
-            .is_none_or(|at| at > moved.during[1] + WALKS * DAY_S)
-        {
+        if is_late(moved.noticed, moved, WALKS) {
             let Move {
                 camera,
                 kind,
@@ -128,6 +125,11 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Returns true where something happened later than so many walks after the last step of a move, or not at all.
+fn is_late(at: Option<f64>, moved: &Move, walks: f64) -> bool {
+    at.is_none_or(|at| at > moved.during[1] + walks * DAY_S)
 }
 
 fn runs() -> anyhow::Result<Vec<Run>> {
@@ -289,14 +291,14 @@ fn judged(record: &RunRecord) -> (usize, usize) {
         .cameras()
         .filter(|camera| camera.is_calibrated())
         .collect();
-    let deceived = good
-        .iter()
-        .filter(|camera| camera.nees.is_some_and(|nees| nees > DECEIVES));
-    for camera in deceived.clone() {
+    let deceived: Vec<_> = { good.iter() }
+        .filter_map(|camera| Some((camera, deceives(camera)?)))
+        .collect();
+    for (camera, sigmas) in &deceived {
         println!(
-            "  (camera {}: {:?}, {:?})",
-            camera.id, camera.error, camera.nees
+            "  (camera {}: {sigmas:.1} sigmas, {:?})",
+            camera.id, camera.error
         );
     }
-    (deceived.count(), good.len())
+    (deceived.len(), good.len())
 }

@@ -67,15 +67,14 @@ struct Stage {
     run: fn(&Shell) -> Result<()>,
     /// Runs only with `--all`, or where it is named.
     nightly: bool,
-    lane: Lane,
+    /// Runs beside others, in a process of its lane.
+    lane: Option<Lane>,
 }
 
-/// Stages of a lane run one after the other, and lanes side by side: some steps of a stage keep only one processor
-/// busy. A lane begins where its first stage stands.
+/// Stages of a lane run one after the other, beside those of other lanes and of none: some steps of a stage keep only
+/// one processor busy. A lane begins where its first stage stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lane {
-    /// Stages that run in this process.
-    Main,
     /// Builds for boards, from nothing that others build.
     Boards,
     /// Waits more than it computes.
@@ -86,7 +85,6 @@ impl Lane {
     /// Name of its process's files.
     const fn name(self) -> &'static str {
         match self {
-            Self::Main => "main",
             Self::Boards => "boards",
             Self::Peers => "peers",
         }
@@ -100,7 +98,7 @@ const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result
         needs: nothing,
         run,
         nightly: false,
-        lane: Lane::Main,
+        lane: None,
     }
 }
 
@@ -117,7 +115,10 @@ impl Stage {
     }
 
     const fn lane(self, lane: Lane) -> Self {
-        Self { lane, ..self }
+        Self {
+            lane: Some(lane),
+            ..self
+        }
     }
 }
 
@@ -290,11 +291,12 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
     let mut failure = None;
     let mut lanes: Vec<Beside<'_>> = Vec::new();
     // A lane of its own has no others beside it.
-    let is_beside = |stage: &Stage| {
-        stage.lane != Lane::Main && stages.iter().any(|other| other.lane != stage.lane)
+    let lane_of = |stage: &Stage| {
+        let has_others = stages.iter().any(|other| other.lane != stage.lane);
+        stage.lane.filter(|_| has_others)
     };
     // Before a stage builds this program anew in its place.
-    if stages.iter().any(is_beside)
+    if stages.iter().any(|stage| lane_of(stage).is_some())
         && let Err(error) = crate::copy_of_this(&crate::tool(sh, BESIDE))
     {
         crate::complain(&error);
@@ -303,12 +305,12 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
         if lanes.iter_mut().any(Beside::has_failed) {
             break;
         }
-        if is_beside(stage) {
-            if lanes.iter().any(|beside| beside.lane == stage.lane) {
+        if let Some(lane) = lane_of(stage) {
+            if lanes.iter().any(|beside| beside.lane == lane) {
                 continue;
             }
-            let of_lane = stages.iter().filter(|other| other.lane == stage.lane);
-            match Beside::start(sh, stage.lane, of_lane.collect()) {
+            let of_lane = stages.iter().filter(|other| other.lane == Some(lane));
+            match Beside::start(sh, lane, of_lane.collect()) {
                 Ok(beside) => {
                     let names: Vec<_> = beside.stages.iter().map(|stage| stage.name).collect();
                     let names = names.join(", ");

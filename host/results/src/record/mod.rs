@@ -299,8 +299,8 @@ pub struct NodeLens {
 /// Move of a camera, as the poses tell that it had before and has since.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeMove {
-    /// When the former pose was told last, seconds. The first sightings after a move may still have been taken for it, so
-    /// that the camera was moved after this time, or between the walk before and this one.
+    /// When the former pose was told last in an earlier walk: the camera was moved after that, if it was in view of the
+    /// walk that noticed it first, seconds.
     pub after_seconds: f64,
     /// When the former pose was doubted, or replaced at once: the camera was moved before that, seconds.
     pub noticed_seconds: f64,

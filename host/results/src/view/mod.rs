@@ -14,7 +14,7 @@ use node_firmware::{
         CameraState, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report,
         SitePlace,
     },
-    role::COORDINATOR,
+    role::{CONTRADICTION, COORDINATOR, contradiction},
 };
 
 use crate::record::{
@@ -59,9 +59,11 @@ pub struct Member {
     pub heard: Option<Duration>,
     /// When it first reported a pose.
     pub posed: Option<Duration>,
-    /// Its last calibrated pose, and when it was told last.
-    good: Option<(Duration, Pose<f64>)>,
-    /// When that pose became doubtful.
+    /// Its last calibrated pose, and when it told it.
+    good: Option<(Duration, Pose<f32>)>,
+    /// The same of an earlier walk.
+    former: Option<(Duration, Pose<f32>)>,
+    /// When its pose became doubtful.
     doubted: Option<Duration>,
     /// Its last move.
     pub moved: Option<NodeMove>,
@@ -469,6 +471,7 @@ impl NetworkView {
                 heard: None,
                 posed: None,
                 good: None,
+                former: None,
                 doubted: None,
                 moved: None,
                 sightings: BTreeMap::new(),
@@ -516,35 +519,49 @@ impl NetworkView {
     }
 }
 
-/// Chi squared by which a pose contradicts the former one: chance does that once in 700,000 poses, or once in 100 of
-/// those that became doubtful meanwhile.
-const CONTRADICTS: f64 = 30.0;
-const CONFIRMS_DOUBT: f64 = 11.3;
+/// Chi squared, with three degrees of freedom, by which another pose confirms a doubt: chance exceeds it once in a hundred
+/// times.
+const CONFIRMS_DOUBT: f32 = 11.3;
+/// Pause of reports that parts one walk from the next. The first sightings after a move may still be taken for the former
+/// place, so poses are compared with those of the walk before.
+const PAUSE: Duration = Duration::from_secs(3600);
 
 impl Member {
-    /// Compares the pose that it just told with the one before. Returns a move that this tells.
+    /// Compares the pose that it just told with that of the walk before. Returns a move that this tells, once.
     fn compare(&mut self, now: Duration) -> Option<NodeMove> {
         let status = self.status();
         if status == Status::Doubtful && self.good.is_some() {
             self.doubted.get_or_insert(now);
         }
-        let pose = self.pose().filter(|_| status == Status::Calibrated)?;
-        let (after, former) = self.good.replace((now, pose))?;
+        let pose = self.report?.pose()?.pose();
+        let pose = pose.filter(|_| status == Status::Calibrated)?;
+        let last = self.good.replace((now, pose))?;
+        if last.0 + PAUSE < now {
+            self.former = Some(last);
+        }
         let doubted = self.doubted.take();
-        let both = Pose {
-            covariance: pose.covariance + former.covariance,
-            ..pose
+        let (after, former) = self.former?;
+        let limit = doubted.map_or(CONTRADICTION, |_| CONFIRMS_DOUBT);
+        let is_moved = contradiction(&former, &pose) > limit;
+        let after_seconds = after.as_secs_f64();
+        let told = self
+            .moved
+            .filter(|told| told.after_seconds == after_seconds);
+        if !is_moved && told.is_none() {
+            return None;
+        }
+        let moved = NodeMove {
+            after_seconds,
+            noticed_seconds: told.map_or(doubted.unwrap_or(now).as_secs_f64(), |told| {
+                told.noticed_seconds
+            }),
+            distance: (pose.position - former.position).norm().into(),
+            turn_deg: wrap_signed(pose.heading - former.heading)
+                .to_degrees()
+                .into(),
         };
-        let off = both.normalised_error(former.position, former.heading)?;
-        let limit = doubted.map_or(CONTRADICTS, |_| CONFIRMS_DOUBT);
-        let moved = (off > limit).then(|| NodeMove {
-            after_seconds: after.as_secs_f64(),
-            noticed_seconds: doubted.unwrap_or(now).as_secs_f64(),
-            distance: (pose.position - former.position).norm(),
-            turn_deg: wrap_signed(pose.heading - former.heading).to_degrees(),
-        });
-        self.moved = moved.or(self.moved);
-        moved
+        self.moved = Some(moved);
+        told.is_none().then_some(moved)
     }
 }
 
@@ -706,28 +723,30 @@ mod tests {
             CameraState::Calibrated(parts) => CameraState::Doubtful(parts),
             other => other,
         };
-        let at = |hours: u64| Duration::from_secs(3600 * hours);
         let mut known = NetworkView::default();
-        let mut tell = |hours, state| known.take(at(hours), &reported(1, 7, state)).unwrap();
+        let mut tell = |minutes: u64, state| {
+            let now = Duration::from_secs(60 * minutes);
+            known.take(now, &reported(1, 7, state)).unwrap()
+        };
+        let day = 24 * 60;
         assert!(!tell(0, turned(90.0)).contains("moved"));
-        assert!(!tell(24, turned(91.0)).contains("moved"));
-        assert!(!tell(48, doubtful(91.0)).contains("moved"));
-        let told = tell(49, turned(96.0));
+        assert!(!tell(day, turned(91.0)).contains("moved"));
+        assert!(!tell(2 * day, doubtful(91.0)).contains("moved"));
+        let told = tell(2 * day + 9, turned(96.0));
         let words = "; moved by 0.00 units and turned by 5.0 deg after 24.0 h, noticed at 48.0 h";
         assert!(told.ends_with(words), "{told}");
-        // A doubt that the same pose ends was none. What it says of itself is compared with that.
-        assert!(!tell(50, doubtful(96.0)).contains("moved"));
-        assert!(!tell(51, turned(96.1)).contains("moved"));
-        let told = tell(96, turned(106.0));
-        assert!(
-            told.ends_with("turned by 9.9 deg after 51.0 h, noticed at 4.00 days"),
-            "{told}"
-        );
+        // More of the same walk is no other move.
+        assert!(!tell(2 * day + 12, turned(97.0)).contains("moved"));
+        // A doubt that the same pose ends was none.
+        assert!(!tell(3 * day, doubtful(97.0)).contains("moved"));
+        assert!(!tell(3 * day + 5, turned(97.1)).contains("moved"));
+        // The first pose of a walk may still lie between the two.
+        assert!(!tell(4 * day, turned(99.1)).contains("moved"));
+        let told = tell(4 * day + 6, turned(107.1));
+        let words = "turned by 10.0 deg after 3.00 days, noticed at 4.00 days";
+        assert!(told.ends_with(words), "{told}");
         let moved = known.members[0].moved.unwrap();
-        assert_eq!(
-            (moved.after_seconds, moved.noticed_seconds),
-            (51.0 * 3600.0, 96.0 * 3600.0)
-        );
+        assert!((moved.noticed_seconds - (4.0 * 86_400.0 + 360.0)).abs() < 1.0);
     }
 
     /// When it began is when it was told first, and the place the one told last.

@@ -11,7 +11,8 @@ use calib_core::{
     fit::RARE,
     joint::{
         BearingStorage, Capacity, Finding, JointError, JointEstimator, JointMemory, JointSettings,
-        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, is_consensus,
+        JointSolution, Prior, Progress, Quantity, REFERENCES, Round, StopStorage, UnknownStorage,
+        is_consensus,
     },
     level::Levelness,
 };
@@ -73,9 +74,6 @@ const FAILED: usize = 6;
 
 /// Bearings of a camera at a new place after which it is clear that it was moved: no slipped leg explains them.
 const SETTLED: usize = 8;
-
-/// Numbers of the references: their former place says what the frame is.
-const FRAME_CAMERAS: usize = 2;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
@@ -152,7 +150,7 @@ pub(super) struct Estimate<'m> {
     /// To be told again after the next solve, whatever its result.
     again: u32,
     /// Moved cameras whose former place is to be forgotten: a bit for each.
-    pub(super) past: u32,
+    past: u32,
     /// Bearings before this one are written down, or are to be.
     pub(super) saved: usize,
     /// Stops of a former run are not in their order yet.
@@ -503,8 +501,8 @@ impl<'m> Estimate<'m> {
     /// Forgets former places of moved cameras, so that those, and others, may be moved again. All bearings are then to be
     /// written down anew.
     pub(super) fn forget_past(&mut self, unsaved: &mut Unsaved) {
-        for camera in FRAME_CAMERAS..self.cameras.len() {
-            let Some((_, Some(now))) = self.estimator.moved(camera) else {
+        for camera in REFERENCES..self.cameras.len() {
+            let Some(now) = successor(&self.estimator, camera) else {
                 continue;
             };
             let [_, count] = self.estimator.bearings_of(now);
@@ -591,8 +589,7 @@ impl<'m> Estimate<'m> {
         let Some(found) = self.cameras.get(camera).copied() else {
             return;
         };
-        let now_of = |number: usize| Some((number, self.estimator.moved(number)?.1?));
-        if now_of(camera).is_some() {
+        if successor(&self.estimator, camera).is_some() {
             return;
         }
         let is_it = |known: &Camera| known.address == found.address && known.is_successor;
@@ -604,10 +601,11 @@ impl<'m> Estimate<'m> {
             return;
         }
         // It was moved once more, or no number is free: a former place is forgotten, and the next round finds this again.
-        let now_of = |number: usize| Some((number, self.estimator.moved(number)?.1?));
-        let moved = (FRAME_CAMERAS..self.cameras.len()).filter_map(now_of);
-        let mut moved = moved.filter(|&(_, now)| !found.is_successor || now == camera);
-        if let Some((past, _)) = moved.next() {
+        let is_over = |&past: &usize| {
+            let now = successor(&self.estimator, past);
+            now.is_some_and(|now| !found.is_successor || now == camera)
+        };
+        if let Some(past) = (REFERENCES..self.cameras.len()).find(is_over) {
             self.past |= 1 << past;
             self.is_new = true;
         }
@@ -760,9 +758,9 @@ impl<'m> Estimate<'m> {
             .cameras
             .get(camera)
             .filter(|known| !known.is_successor)?;
-        let since = self.estimator.moved(camera);
-        let successor = since.and_then(|(_, successor)| successor);
-        let moved = successor.and_then(|now| Some((now, self.estimator.pose(now).ok()?)));
+        let is_moved = self.estimator.moved(camera).is_some();
+        let moved = successor(&self.estimator, camera)
+            .and_then(|now| Some((now, self.estimator.pose(now).ok()?)));
         let is_found = moved.is_some();
         debug_assert!(!known.is_successor);
         let (camera, pose) = match moved {
@@ -802,7 +800,7 @@ impl<'m> Estimate<'m> {
         // The camera itself knows which pose is good enough, and checked.
         let is_outvoted = !is_consensus(count, came, true);
         let is_doubtful =
-            is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
+            is_outvoted || self.estimator.is_ambiguous(camera) || (is_moved && !is_found);
         let is_refused = is_frame_refused || hung.is_some_and(|hung| hung.is_refused());
         let state = if solution.fit.is_bad() || is_doubtful || is_refused {
             CameraState::Doubtful(parts)
@@ -867,6 +865,11 @@ fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
 
 fn prior((mean, sigma): (f32, f32)) -> Prior<f32> {
     Prior { mean, sigma }
+}
+
+/// The number under which a moved camera is estimated since, if it has one.
+fn successor(estimator: &JointEstimator<'_, f32>, camera: usize) -> Option<usize> {
+    estimator.moved(camera)?.1
 }
 
 fn exchange(list: &mut [Camera], a: usize, b: usize) {

@@ -1,5 +1,5 @@
-//! Checks that `memory-functions` does what the C standard and the Run-time ABI ask, on an emulated Cortex-M4: `cargo xtask cortex-m`
-//! runs it.
+//! Checks that `memory-functions` does what the C standard and the Run-time ABI ask, on an emulated Cortex-M4:
+//! `cargo xtask cortex-m` runs it.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
