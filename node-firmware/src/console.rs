@@ -12,7 +12,7 @@ use crate::{
     config::SiteKey,
     message::{
         CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
-        SitePlace, StopNumber, TargetLocation, Tracked,
+        SitePlace, StopNumber, TargetLocation, Tracked, UpdatePacket,
     },
 };
 
@@ -111,6 +111,15 @@ pub enum ToPc {
         /// `None`: no camera sees it any more.
         object: Option<TrackedObject>,
     },
+    /// A node's answer in an update by radio.
+    Update {
+        /// Its address; the coordinator's is 0.
+        address: MemberAddress,
+        /// Its answer.
+        packet: UpdatePacket,
+    },
+    /// A packet of an update was sent, or could not be. Told once of each.
+    UpdateSent,
 }
 
 /// Place of an object.
@@ -191,6 +200,13 @@ pub enum FromPc {
         address: MemberAddress,
         /// Its place.
         located: TargetLocation,
+    },
+    /// Hand on a packet of an update by radio: to a member, to all, or to the coordinator itself, whose address is 0.
+    Update {
+        /// Address of the receiver.
+        to: MemberAddress,
+        /// The packet.
+        packet: UpdatePacket,
     },
 }
 

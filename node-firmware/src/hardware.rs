@@ -113,6 +113,8 @@ pub struct Peripherals<H: Hardware> {
     /// The link's waiting times and a target's first stop number come from it, too; none of these is a secret. A
     /// radio that draws waiting times itself ([`Csma`](zigbee_link::radio::Csma)) takes another number.
     pub seed: u64,
+    /// Updates by radio, where the board has a boot loader that changes images, and the feature `update` is on.
+    pub update: Option<Updates>,
 }
 
 /// The [`Hardware`] of any drivers: [`Peripherals::new`] and its like make it, and nothing needs to name it.
@@ -156,6 +158,7 @@ impl<R: Radio, C: Clock, F: NorFlash> Peripherals<Parts<R, C, F>> {
             buttons: (),
             observer: (),
             seed,
+            update: None,
         }
     }
 }
@@ -165,8 +168,8 @@ macro_rules! replace {
     ($(#[$doc:meta])+ $method:ident($field:ident: $($bound:ident)+) -> $parts:ty, keeps $($kept:ident)+) => {
         $(#[$doc])+
         pub fn $method<New: $($bound +)+>(self, $field: New) -> Peripherals<$parts> {
-            let Self { radio, clock, flash, layout, seed, $($kept,)+ .. } = self;
-            Peripherals { radio, clock, flash, layout, seed, $($kept,)+ $field }
+            let Self { radio, clock, flash, layout, seed, update, $($kept,)+ .. } = self;
+            Peripherals { radio, clock, flash, layout, seed, update, $($kept,)+ $field }
         }
     };
 }
@@ -204,6 +207,15 @@ where
     }
 }
 
+impl<H: Hardware> Peripherals<H> {
+    /// The same with updates by radio.
+    #[must_use]
+    pub fn with_updates(mut self, updates: Updates) -> Self {
+        self.update = Some(updates);
+        self
+    }
+}
+
 /// No line: a target has none, nor needs a coordinator one that no PC is ever connected to. Nothing is heard on it, and
 /// what is written is lost.
 #[derive(Clone, Copy, Debug, Default)]
@@ -236,6 +248,25 @@ pub struct FlashLayout {
     pub link: Range<u32>,
     /// For the role: [`BYTES`](crate::facts::BYTES).
     pub facts: Range<u32>,
+}
+
+/// Parts of a flash for updates by radio, and the image that runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Updates {
+    /// State of the boot loader.
+    pub state: Range<u32>,
+    /// Header of an image that is taken: one erase unit.
+    pub header: Range<u32>,
+    /// Place of an image that is taken, one erase unit longer than the place of the one that runs.
+    pub spare: Range<u32>,
+    /// Number of the board.
+    pub board: u32,
+    /// Version of the image that runs.
+    pub version: u32,
+    /// Roles of the image that runs: [`RoleConfig::bit`](crate::config::RoleConfig::bit) of each.
+    pub roles: u8,
+    /// Public key with which images are checked, if the node was given one.
+    pub key: Option<[u8; 32]>,
 }
 
 /// The sensor that tells a target its movements.

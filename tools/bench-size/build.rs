@@ -5,7 +5,7 @@ fn main() -> std::io::Result<()> {
     let os = std::env::var("CARGO_CFG_TARGET_OS").unwrap_or_default();
     if os == "none" {
         let board = board_facts::NRF52840_DK;
-        board_facts::memory(&board_facts::Script(&board).to_string())?;
+        board_facts::memory(&board_facts::Script(&board, false).to_string())?;
         for argument in ["--nmagic", "-Tlink.x"] {
             println!("cargo:rustc-link-arg-bins={argument}");
         }

@@ -21,10 +21,10 @@ pub mod regions;
 mod script;
 
 #[cfg(feature = "link")]
-pub use link::{link, memory};
+pub use link::{link, link_loader, memory};
 
 use chip::{Chip, NRF52833, NRF52840, STM32L476RG};
-use regions::Regions;
+use regions::{Regions, Updated};
 pub use script::Script;
 
 /// A board.
@@ -40,7 +40,16 @@ pub struct Board {
     pub regions: Regions,
     /// The boot loader that it is sold with, if any.
     pub loader: Option<Loader>,
+    /// Parts of its flash where it is updated by radio, if it can be.
+    pub updated: Option<Updated>,
 }
+
+/// Place of the public key with which a node checks images: behind the longest configuration page.
+pub const KEY_BEHIND_CONFIG: u32 = 512;
+
+/// Seconds after which a watchdog restarts a node. Watched tasks report every second; none of their work takes as
+/// long as this.
+pub const WATCHDOG_S: u32 = 8;
 
 /// A boot loader, which takes an image over the USB plug of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +91,14 @@ impl Board {
         (self.address(facts.start), link.end - facts.start)
     }
 
+    /// The region of an image that is updated by radio, or of another one.
+    pub const fn image(&self, is_updated: bool) -> &core::ops::Range<u32> {
+        match &self.updated {
+            Some(updated) if is_updated => &updated.image,
+            _ => &self.regions.image,
+        }
+    }
+
     /// The address of the configuration page.
     pub const fn config(&self) -> u32 {
         self.address(self.regions.config.start)
@@ -98,6 +115,7 @@ pub const NRF52840_DK: Board = Board {
     chip: &NRF52840,
     regions: Regions::nrf52(0..0x000e_d000, 0x000e_d000, 0x000f_f000),
     loader: None,
+    updated: Some(Updated::nrf52(384 << 10)),
 };
 
 /// Nordic's dongle.
@@ -117,6 +135,7 @@ pub const PCA10059: Board = Board {
         hardware: 52,
         press: "press its reset button, the one that lies on its side: its red lamp pulses",
     }),
+    updated: None,
 };
 
 /// Adafruit's board. Its `SoftDevice` ends at 0x26000.
@@ -131,6 +150,7 @@ pub const FEATHER_NRF52840: Board = Board {
         soft_device: "S140 6.1.1",
         press: "press its button RESET twice, quickly",
     }),
+    updated: None,
 };
 
 /// Seeed's board, and its variant with sensors. Its `SoftDevice` ends at 0x27000.
@@ -145,6 +165,7 @@ pub const XIAO_NRF52840: Board = Board {
         soft_device: "S140 7.3.0",
         press: "press its button RST twice, quickly",
     }),
+    updated: None,
 };
 
 /// Nordic's development kit of the smaller chip, with a debug probe.
@@ -154,6 +175,7 @@ pub const NRF52833_DK: Board = Board {
     chip: &NRF52833,
     regions: Regions::nrf52(0..0x0006_d000, 0x0006_d000, 0x0007_f000),
     loader: None,
+    updated: None,
 };
 
 /// ST's board, with a debug probe, beside a radio co-processor.
@@ -170,6 +192,7 @@ pub const NUCLEO_L476RG: Board = Board {
         config: 0x000f_f800..0x0010_0000,
     },
     loader: None,
+    updated: None,
 };
 
 /// All boards.
@@ -265,6 +288,37 @@ mod tests {
         }
     }
 
+    /// Parts for updates: whole pages, none of which is another's, before the memory of the node; the spare part is a
+    /// page longer than the image, and the state of the loader has a word for each copy (`embassy-boot`).
+    #[test]
+    fn an_updated_board_has_room_for_two_images() {
+        for board in BOARDS {
+            let Some(updated) = &board.updated else {
+                continue;
+            };
+            let Updated {
+                loader,
+                state,
+                image,
+                spare,
+                header,
+            } = updated;
+            let page = board.chip.page;
+            let parts = [loader, state, image, spare, header];
+            for (number, part) in parts.iter().enumerate() {
+                assert!(part.start.is_multiple_of(page) && part.end.is_multiple_of(page));
+                assert!(part.start < part.end && part.end <= board.regions.facts.start);
+                for other in &parts[number + 1..] {
+                    assert!(!meet(part, other), "{part:x?}, {other:x?}");
+                }
+            }
+            assert_eq!(spare.len(), image.len() + page as usize);
+            assert!(2 + 4 * (image.len() / page as usize) <= state.len() / 4);
+            assert_eq!((state.len(), header.len()), (page as usize, page as usize));
+            assert!(board.regions.config.len() >= KEY_BEHIND_CONFIG as usize + 64);
+        }
+    }
+
     /// The loader of a dongle writes a new image behind the old one.
     #[test]
     fn a_dongle_has_room_for_a_second_image() {
@@ -296,7 +350,8 @@ mod tests {
         let folders = fs::read_dir(boards)
             .unwrap()
             .map(|entry| entry.unwrap().path());
-        let images = folders.filter(|folder| folder.join("src/main.rs").is_file());
+        let images = folders
+            .filter(|folder| folder.join("src/main.rs").is_file() && !folder.ends_with("loader"));
         assert_eq!(images.count(), BOARDS.len());
     }
 }

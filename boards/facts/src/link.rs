@@ -18,8 +18,31 @@ pub fn link(name: &str) -> io::Result<()> {
         let why = format!("no board of boards/facts/src/lib.rs is called {name}");
         io::Error::new(io::ErrorKind::NotFound, why)
     })?;
-    memory(&format!("{}", Script(board)))?;
+    let is_updated = !variable("CARGO_FEATURE_UPDATE").is_empty();
+    memory(&format!("{}", Script(board, is_updated)))?;
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+        println!("cargo:rustc-link-arg={argument}");
+    }
+    Ok(())
+}
+
+/// Has the linker put the boot loader of a board into its region.
+///
+/// # Errors
+/// The board is not updated by radio, or the folder of the build cannot be written.
+pub fn link_loader(board: &Board) -> io::Result<()> {
+    println!("cargo:rerun-if-changed=build.rs");
+    if variable("CARGO_CFG_TARGET_OS") != "none" {
+        return Ok(());
+    }
+    let updated = board.updated.as_ref().ok_or(io::ErrorKind::NotFound)?;
+    let (ram, ram_bytes) = board.chip.ram;
+    memory(&format!(
+        "MEMORY\n{{\n  FLASH : ORIGIN = {:#010x}, LENGTH = {:#x}\n  RAM : ORIGIN = {ram:#010x}, LENGTH = {ram_bytes:#x}\n}}\n",
+        board.address(updated.loader.start),
+        updated.loader.len()
+    ))?;
+    for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo:rustc-link-arg={argument}");
     }
     Ok(())

@@ -23,6 +23,38 @@ pub struct Regions {
     pub config: Range<u32>,
 }
 
+/// The parts of a flash that are used for updates by radio: then this project's own boot loader starts the image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Updated {
+    /// The boot loader.
+    pub loader: Range<u32>,
+    /// Its state: one page.
+    pub state: Range<u32>,
+    /// The image that runs.
+    pub image: Range<u32>,
+    /// The image that is taken, one page longer.
+    pub spare: Range<u32>,
+    /// Header of the image that is taken: one page.
+    pub header: Range<u32>,
+}
+
+impl Updated {
+    /// The parts from the start of the flash of an nRF52 on, for images of so many bytes.
+    pub(crate) const fn nrf52(image: u32) -> Self {
+        const LOADER: u32 = 28 << 10;
+        let start = LOADER + PAGE;
+        let spare = start + image;
+        let header = spare + image + PAGE;
+        Self {
+            loader: 0..LOADER,
+            state: LOADER..start,
+            image: start..spare,
+            spare: spare..header,
+            header: header..header + PAGE,
+        }
+    }
+}
+
 impl Regions {
     /// The regions of an nRF52 whose memory begins at `memory`, with a page of the flash for its configuration.
     pub(crate) const fn nrf52(image: Range<u32>, memory: u32, config: u32) -> Self {

@@ -4,14 +4,14 @@ use core::fmt;
 
 use crate::Board;
 
-/// A board's `memory.x`, which keeps the image in its region.
+/// A board's `memory.x`, which keeps the image in its region; the region where it is updated by radio, if that is said.
 #[derive(Clone, Copy, Debug)]
-pub struct Script<'a>(pub &'a Board);
+pub struct Script<'a>(pub &'a Board, pub bool);
 
 impl fmt::Display for Script<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(board) = self;
-        let (image, config) = (&board.regions.image, &board.regions.config);
+        let Self(board, is_updated) = self;
+        let (image, config) = (board.image(*is_updated), &board.regions.config);
         let (ram, ram_bytes) = board.chip.ram;
         writeln!(f, "MEMORY\n{{")?;
         writeln!(
@@ -40,8 +40,8 @@ mod tests {
     #[test]
     fn scripts_of_boards() {
         let nucleo = "MEMORY\n{\n  FLASH : ORIGIN = 0x08000000, LENGTH = 0x80000\n  RAM : ORIGIN = 0x20000000, LENGTH = 0x18000\n}\n";
-        assert_eq!(Script(&NUCLEO_L476RG).to_string(), nucleo);
+        assert_eq!(Script(&NUCLEO_L476RG, false).to_string(), nucleo);
         let dongle = "MEMORY\n{\n  FLASH : ORIGIN = 0x00001000, LENGTH = 0x66000\n  RAM : ORIGIN = 0x20000000, LENGTH = 0x40000\n}\n_stext = 0x00001400;\n";
-        assert_eq!(Script(&PCA10059).to_string(), dongle);
+        assert_eq!(Script(&PCA10059, false).to_string(), dongle);
     }
 }

@@ -45,18 +45,51 @@ cfg_if::cfg_if! {
         #[doc(hidden)]
         pub use embassy_executor::{self, Spawner};
         #[doc(hidden)]
-        pub use node::{begin, execute};
+        pub use node::{Stamp, begin, execute};
         #[doc(hidden)]
         pub use node_firmware::{
             config::CheckedConfig, hardware::Peripherals, liveness::Liveness, run::run,
         };
         #[doc(hidden)]
         pub use watchdog::{HEARTBEATS, NODE};
+        #[cfg(feature = "update")]
+        #[doc(hidden)]
+        pub use radio_update;
+        #[cfg(feature = "update")]
+        #[doc(hidden)]
+        pub const ROLES: u8 = node_firmware::config::RoleConfig::BUILT;
         #[doc(hidden)]
         pub use cortex_m_rt::entry;
         #[doc(hidden)]
         pub use embassy_nrf::{gpio::Level, nvmc::FLASH_SIZE};
     }
+}
+
+/// The stamp of an image that is updated by radio: `cargo xtask firmware --update` writes the version into it.
+#[cfg(feature = "update")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! stamp {
+    ($board:ident) => {{
+        static STAMP: [u8; $crate::radio_update::stamp::STAMP] =
+            $crate::radio_update::stamp::Stamp {
+                board: $crate::radio_update::stamp::board_number(env!("CARGO_PKG_NAME")),
+                roles: $crate::ROLES,
+                version: 0,
+            }
+            .bytes();
+        &STAMP
+    }};
+}
+
+/// No stamp.
+#[cfg(not(feature = "update"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! stamp {
+    ($board:ident) => {
+        ()
+    };
 }
 
 /// The `main` of a board's image: a node on the pins that it names. A build for a computer says what to type
@@ -97,7 +130,8 @@ macro_rules! board {
         #[$crate::embassy_executor::task(embassy_executor = $crate::embassy_executor)]
         async fn begin(spawner: $crate::Spawner, pins: $crate::Pins, parts: $crate::Parts) {
             let board = &$crate::board_facts::$board;
-            let (config, peripherals, liveness) = $crate::begin(spawner, board, pins, parts).await;
+            let (config, peripherals, liveness) =
+                $crate::begin(spawner, (board, $crate::stamp!(board)), pins, parts).await;
             $crate::spawn(spawner, run_node(config, peripherals, liveness));
         }
 

@@ -80,6 +80,13 @@ pub fn execute(begin: impl FnOnce(Spawner)) -> ! {
     }
 }
 
+/// The stamp of the image.
+#[cfg(feature = "update")]
+pub type Stamp = &'static [u8; radio_update::stamp::STAMP];
+/// No stamp.
+#[cfg(not(feature = "update"))]
+pub type Stamp = ();
+
 /// A node that is ready to run: its configuration, its hardware, the receiver of its reports.
 pub(crate) type Ready = (
     &'static CheckedConfig,
@@ -89,7 +96,14 @@ pub(crate) type Ready = (
 
 /// Starts all tasks of this board but that of its node, which the board's own crate has: so the compiler optimises it
 /// as a whole, which saves 5 KB.
-pub async fn begin(spawner: Spawner, facts: &'static Facts, pins: Pins, parts: Parts) -> Ready {
+///
+/// The image has this stamp, where it is updated by radio.
+pub async fn begin(
+    spawner: Spawner,
+    (facts, stamp): (&'static Facts, Stamp),
+    pins: Pins,
+    parts: Parts,
+) -> Ready {
     static SHARED: StaticCell<Shared> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
@@ -104,6 +118,10 @@ pub async fn begin(spawner: Spawner, facts: &'static Facts, pins: Pins, parts: P
         }
     };
     let seed = random(board.random);
+    #[cfg(feature = "update")]
+    let update = start::updates(&mut flash, facts, core::hint::black_box(stamp));
+    #[cfg(not(feature = "update"))]
+    let (update, ()) = (None, stamp);
     let shared = SHARED.init(Shared::new());
     let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: board.line.open(config),
@@ -116,6 +134,7 @@ pub async fn begin(spawner: Spawner, facts: &'static Facts, pins: Pins, parts: P
         buttons: board.buttons,
         observer: (),
         seed,
+        update,
     }));
     spawn(spawner, run_radio(board.radio, shared));
     spawn(spawner, watchdog::feed(board.watchdog, liveness));

@@ -1,5 +1,6 @@
 //! The watchdog, and the reason why the chip last started.
 
+use board_facts::WATCHDOG_S as TIMEOUT_S;
 use board_support::{
     heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start::Cause,
 };
@@ -17,8 +18,6 @@ pub(crate) const RADIO: u32 = 1;
 /// Their reports.
 pub static HEARTBEATS: Heartbeats = Heartbeats::new(2);
 
-/// Watched tasks report every second; none of their work takes as long as this.
-const TIMEOUT_S: u32 = 8;
 const LFCLK_HZ: u32 = 32_768;
 
 /// A debugger has stopped the node.

@@ -79,6 +79,7 @@ async fn begin(spawner: Spawner) {
         buttons: board.buttons,
         observer: (),
         seed: random(board.random),
+        update: None,
     }));
     spawn(spawner, run_node(config, peripherals, liveness));
     spawn(spawner, watchdog::feed(board.watchdog, liveness));

@@ -19,5 +19,7 @@ pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {
             LogError::Full | LogError::Layout => "memory: wrong size",
             _ => "memory: the flash failed",
         },
+        #[cfg(feature = "update")]
+        Failure::Update => "the boot loader changes images",
     }
 }

@@ -35,6 +35,31 @@ pub const fn layout(board: &Board) -> FlashLayout {
     }
 }
 
+/// The updates of a board whose image has this stamp. `None`: it cannot be updated by radio.
+#[cfg(feature = "update")]
+pub fn updates<F: ReadNorFlash>(
+    flash: &mut F,
+    board: &Board,
+    stamp: &[u8; radio_update::stamp::STAMP],
+) -> Option<node_firmware::hardware::Updates> {
+    let parts = board.updated.as_ref()?;
+    let stamp = radio_update::stamp::Stamp::read(stamp)?;
+    let mut record = [0; radio_update::package::KEY_RECORD];
+    let place = board.regions.config.start + board_facts::KEY_BEHIND_CONFIG;
+    let read = flash.read(place, &mut record);
+    Some(node_firmware::hardware::Updates {
+        state: parts.state.clone(),
+        header: parts.header.clone(),
+        spare: parts.spare.clone(),
+        board: stamp.board,
+        version: stamp.version,
+        roles: stamp.roles,
+        key: read
+            .ok()
+            .and_then(|()| radio_update::package::read_key(&record)),
+    })
+}
+
 /// Cause of a start, as the chip tells it.
 #[derive(Clone, Copy)]
 pub struct Cause {
@@ -100,6 +125,8 @@ pub async fn stop(error: PageError) -> ! {
 pub fn tell_failure<R, F>(failure: &Failure<R, F>) {
     let why = match failure {
         Failure::Link(RunnerError::Radio(_)) => Restart::RadioStuck,
+        #[cfg(feature = "update")]
+        Failure::Update => Restart::Ordinary,
         _ => Restart::Program,
     };
     retained::say(LastWords::restart(why));

@@ -763,6 +763,7 @@ impl Node {
                     truth: Box::new(move || node.truth.borrow().as_ref().map(|truth| truth())),
                 },
                 seed,
+                update: None,
             };
             let running = pin!(run(&self.config, peripherals, &liveness));
             let why = match select(running, pin!(self.watch(&liveness))).await {

@@ -57,18 +57,36 @@ pub enum ImageError {
     OnPage(u32),
 }
 
+/// The bytes that a node takes by radio: those of an image that is updated so, from the start of its region.
+///
+/// # Errors
+/// It is none for this board, or the board is not updated by radio.
+pub fn updated(board: &'static Board, elf: &[u8]) -> Result<Vec<u8>, ImageError> {
+    let image = Image::within(board, elf, true)?;
+    let start = board.address(board.image(true).start);
+    match image.parts.first_key_value() {
+        Some((&first, _)) if first == start => Ok(in_one_piece(&image.parts)),
+        Some((&first, _)) => Err(ImageError::Behind(first.into(), start)),
+        None => Err(ImageError::Empty),
+    }
+}
+
 impl Image {
     /// The image that an ELF file holds.
     ///
     /// # Errors
     /// It is none for this board.
     pub fn of(board: &'static Board, elf: &[u8]) -> Result<Self, ImageError> {
+        Self::within(board, elf, false)
+    }
+
+    fn within(board: &'static Board, elf: &[u8], is_updated: bool) -> Result<Self, ImageError> {
         let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|_| ImageError::NoElf)?;
         if file.architecture() != object::Architecture::Arm {
             return Err(ImageError::NotArm);
         }
         let endian = file.endian();
-        let region = &board.regions.image;
+        let region = board.image(is_updated);
         let [least, most] = [region.start, region.end].map(|place| board.address(place));
         let mut parts = BTreeMap::new();
         for header in file.elf_program_headers() {

@@ -208,6 +208,7 @@ impl Board {
             buttons: (),
             observer: self.sent.clone(),
             seed,
+            update: None,
         };
         let config = self.config.clone().check();
         let config = config.unwrap_or_else(|error| panic!("node {}: {error}", self.config.id));

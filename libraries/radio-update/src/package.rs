@@ -37,6 +37,32 @@ const FORMAT: u8 = 1;
 /// A public key (Ed25519), with which nodes check headers.
 pub type Key = [u8; 32];
 
+/// Bytes of a record of a public key in a flash: `CUKy`, the key, CRC-32 of both.
+pub const KEY_RECORD: usize = 40;
+
+const KEY_MAGIC: [u8; 4] = *b"CUKy";
+
+/// The key in a record; `None`: these bytes are none.
+pub fn read_key(record: &[u8; KEY_RECORD]) -> Option<Key> {
+    let (covered, sum) = record.split_last_chunk::<4>()?;
+    let (magic, key) = covered.split_first_chunk::<4>()?;
+    let is_one = *magic == KEY_MAGIC && CRC.checksum(covered) == u32::from_le_bytes(*sum);
+    key.first_chunk().copied().filter(|_| is_one)
+}
+
+/// The record of a key.
+pub fn key_record(key: &Key) -> [u8; KEY_RECORD] {
+    let mut record = [0; KEY_RECORD];
+    let bytes = KEY_MAGIC.iter().chain(key);
+    for (to, from) in record.iter_mut().zip(bytes) {
+        *to = *from;
+    }
+    if let Some((covered, sum)) = record.split_last_chunk_mut::<4>() {
+        *sum = CRC.checksum(covered).to_le_bytes();
+    }
+    record
+}
+
 /// A header that is whole, but perhaps forged.
 #[derive(Clone, Copy, Debug)]
 pub struct Header<'a> {
@@ -301,6 +327,18 @@ mod tests {
             key.verify(&[0xaf, 0x82], &Signature::from(&signature))
                 .is_ok()
         );
+    }
+
+    #[test]
+    fn a_key_has_a_record() {
+        let record = key_record(&[9; 32]);
+        assert_eq!(read_key(&record), Some([9; 32]));
+        for at in 0..KEY_RECORD {
+            let mut spoilt = record;
+            spoilt[at] ^= 4;
+            assert_eq!(read_key(&spoilt), None);
+        }
+        assert_eq!(read_key(&[0xFF; KEY_RECORD]), None);
     }
 
     #[test]

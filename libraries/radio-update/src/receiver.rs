@@ -63,12 +63,13 @@ pub enum Reaction {
 struct Failed;
 
 /// Work that takes some time.
+#[derive(Clone, Copy)]
 enum Work {
     None,
     /// Finds what is there of the next page, and erases the rest.
     Prepare(usize),
     /// Adds the next page to the hash.
-    Check(usize, Sha512),
+    Check(usize),
 }
 
 /// The receiver of a node.
@@ -83,6 +84,8 @@ pub struct Receiver<F> {
     blocks: Blocks,
     phase: Phase,
     work: Work,
+    /// Of the pages that are checked.
+    hash: Sha512,
 }
 
 /// A part of a flash.
@@ -151,6 +154,7 @@ impl<F: NorFlash> Receiver<F> {
             blocks: Blocks::new(),
             phase: Phase::Idle,
             work: Work::None,
+            hash: Sha512::new(),
         };
         if receiver.load().await.is_err() {
             receiver.phase = Phase::Flash;
@@ -423,7 +427,8 @@ impl<F: NorFlash> Receiver<F> {
     fn finish(&mut self) {
         if self.phase == Phase::Receiving && self.blocks.missing(self.count()) == 0 {
             self.phase = Phase::Checking;
-            self.work = Work::Check(0, Sha512::new());
+            self.work = Work::Check(0);
+            self.hash = Sha512::new();
         }
     }
 
@@ -441,7 +446,9 @@ impl<F: NorFlash> Receiver<F> {
             self.work = Work::None;
             return Ok(());
         };
-        match core::mem::replace(&mut self.work, Work::None) {
+        let work = self.work;
+        self.work = Work::None;
+        match work {
             Work::None => {}
             Work::Prepare(page) if page < pages => {
                 if self.is_right(page).await? {
@@ -457,7 +464,7 @@ impl<F: NorFlash> Receiver<F> {
                 self.phase = Phase::Receiving;
                 self.finish();
             }
-            Work::Check(page, mut hash) if page < pages => {
+            Work::Check(page) if page < pages => {
                 let start = page * PAGE;
                 let end = (start + PAGE).min(length as usize);
                 let mut bytes = [0; BLOCK];
@@ -467,11 +474,12 @@ impl<F: NorFlash> Receiver<F> {
                         .read(from, &mut bytes)
                         .await
                         .map_err(|_| Failed)?;
-                    hash.update(bytes.get(..end - at).unwrap_or(&bytes));
+                    self.hash.update(bytes.get(..end - at).unwrap_or(&bytes));
                 }
-                self.work = Work::Check(page + 1, hash);
+                self.work = Work::Check(page + 1);
             }
-            Work::Check(_, hash) => {
+            Work::Check(_) => {
+                let hash = core::mem::take(&mut self.hash);
                 let is_right = self.parsed().is_some_and(|header| header.is_hash(hash));
                 self.phase = if is_right {
                     Phase::Complete

@@ -73,6 +73,25 @@ pub enum RoleConfig {
     Target(TargetConfig),
 }
 
+impl RoleConfig {
+    /// The bit of the role in a set of roles.
+    pub const fn bit(&self) -> u8 {
+        match self {
+            Self::Coordinator(_) => 1,
+            Self::Camera(_) => 2,
+            Self::Target(_) => 4,
+        }
+    }
+
+    /// The roles that this build has.
+    pub const BUILT: u8 = {
+        let coordinator = if cfg!(feature = "coordinator") { 1 } else { 0 };
+        let camera = if cfg!(feature = "camera") { 2 } else { 0 };
+        let target = if cfg!(feature = "target") { 4 } else { 0 };
+        coordinator | camera | target
+    };
+}
+
 /// Parameters of a coordinator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -25,10 +25,12 @@
 
 mod health;
 mod outcome;
+mod update;
 
 pub use self::{
     health::{Eye, Health, Memory, Restart},
     outcome::CommandOutcome,
+    update::UpdatePacket,
 };
 
 use calib_core::{
@@ -100,6 +102,8 @@ pub enum Message {
     /// A member tells the coordinator its health, after its [`Message::Hello`], which says that it is
     /// healthy.
     Health(Health),
+    /// Part of an update by radio: the coordinator hands it on for the PC, and a member's answer to the PC.
+    Update(UpdatePacket),
 }
 
 /// Kind of a member.

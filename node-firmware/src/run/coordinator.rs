@@ -10,6 +10,7 @@ use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 use super::{
     drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
     outlined::Outlined,
+    update::Mail,
 };
 use crate::{
     config::CoordinatorConfig,
@@ -27,7 +28,12 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
     services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
 ) -> Infallible {
-    let Services { network, clock, .. } = services;
+    let Services {
+        network,
+        clock,
+        mail,
+        ..
+    } = services;
     let channels = DeviceChannels::new();
     let mut role = CoordinatorRole::new();
     role.track(config);
@@ -38,7 +44,13 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
     let events = channels.events.sender();
     let driver = AnyDriver::Coordinator(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let line = line(uart, network, clock, channels.tasks.receiver(), events);
+    let line = line(
+        uart,
+        (network, mail),
+        clock,
+        channels.tasks.receiver(),
+        events,
+    );
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
@@ -56,7 +68,7 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
 /// within [`PATIENCE_US`]. A line that fails is tried again with the next task.
 async fn line<U: Read + Write>(
     mut uart: U,
-    network: &impl Administration,
+    (network, mail): (&impl Administration, &Mail),
     clock: &impl Clock,
     tasks: Tasks<'_, CoordinatorTask>,
     events: Events<'_, CoordinatorEvent>,
@@ -72,7 +84,7 @@ async fn line<U: Read + Write>(
                 core::future::pending().await
             }
         };
-        match select(tasks.receive(), read).await {
+        match select(mail.or_answer(tasks), read).await {
             Either::First(task) => {
                 let mut frame = [0; FRAME_MAX];
                 if let Some(message) = perform(network, task)
@@ -91,6 +103,7 @@ async fn line<U: Read + Write>(
                 );
                 for &byte in bytes.iter().take(count) {
                     if let Some(wish) = frames.push(byte) {
+                        mail.on_pc(&wish);
                         events.send(CoordinatorEvent::Pc(wish)).await;
                     }
                 }

@@ -16,7 +16,7 @@ use embassy_sync::{
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
-use super::{QUEUE, outlined::Outlined};
+use super::{QUEUE, outlined::Outlined, update::Mail};
 use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
@@ -61,6 +61,7 @@ pub(super) struct Services<'a, H: Hardware, N, F> {
     pub(super) observer: &'a mut H::Observer,
     pub(super) indicator: &'a mut H::Indicator,
     pub(super) liveness: &'a Liveness,
+    pub(super) mail: &'a Mail,
 }
 
 /// The driver of the node's role, of any kind: so [`drive`] is in an image once, not once for each.
@@ -233,6 +234,7 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
         observer,
         indicator,
         liveness,
+        mail,
     } = services;
     let recalled = facts.recall(|fact| whichever!(&mut any, driver => driver.role.restore(fact)));
     if Outlined(pin!(recalled)).await.is_err() {
@@ -293,6 +295,7 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
         let now = clock.now();
         match happened {
             NetworkEvent::Message(from, message) => {
+                mail.on_message(from, &message);
                 whichever!(&mut any, driver => driver.on_message(now, from, &message));
             }
             NetworkEvent::Settled { ticket, delivered } => {

@@ -30,11 +30,12 @@ mod drive;
 mod moving_target;
 mod outlined;
 mod shared_flash;
+mod update;
 mod zigbee;
 
 use core::{convert::Infallible, fmt, pin::pin};
 
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
 use flash_log::LogError;
 use zigbee_link::{
@@ -45,7 +46,10 @@ use zigbee_link::{
     wire::Eui64,
 };
 
-use self::{drive::Services, outlined::Outlined, shared_flash::SharedFlash, zigbee::ZigbeeNetwork};
+use self::{
+    drive::Services, outlined::Outlined, shared_flash::SharedFlash, update::Mail,
+    zigbee::ZigbeeNetwork,
+};
 use crate::{
     config::{CheckedConfig, RoleConfig},
     facts::FactStore,
@@ -78,6 +82,9 @@ pub enum Failure<R, F> {
     Link(RunnerError<R, F>),
     /// The role's part of the flash does not fit.
     Facts(LogError<F>),
+    /// The boot loader is to change images, forth or back.
+    #[cfg(feature = "update")]
+    Update,
 }
 
 impl<R, F> fmt::Display for Failure<R, F> {
@@ -85,6 +92,8 @@ impl<R, F> fmt::Display for Failure<R, F> {
         match self {
             Self::Link(stopped) => stopped.fmt(f),
             Self::Facts(error) => error.fmt(f),
+            #[cfg(feature = "update")]
+            Self::Update => f.write_str("the boot loader changes images"),
         }
     }
 }
@@ -132,6 +141,7 @@ pub async fn run<H: Hardware>(
         buttons,
         observer,
         seed,
+        update,
     } = peripherals;
     let flash = SharedFlash::new(flash);
 
@@ -194,12 +204,15 @@ pub async fn run<H: Hardware>(
         seed,
         liveness,
     };
-    let role = run_over(config, devices, &mut facts, &network);
+    let mail = Mail::new();
+    let role = run_role(config, devices, &mut facts, (&network, &mail));
+    let updated = update::run(update, config, &flash, (&network, &clock, &mail));
     // Pinned here: a future passed by value is kept twice, and these are large. The link takes no stack
     // while the role computes.
-    match select(Outlined(pin!(link)), pin!(role)).await {
-        Either::First(stopped) => Failure::Link(stopped),
-        Either::Second(never) => match never {},
+    match select3(Outlined(pin!(link)), pin!(role), Outlined(pin!(updated))).await {
+        Either3::First(stopped) => Failure::Link(stopped),
+        Either3::Second(never) => match never {},
+        Either3::Third(ended) => ended.failure(),
     }
 }
 
@@ -233,6 +246,16 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
     facts: &mut FactStore<F>,
     network: &N,
 ) -> Infallible {
+    // A network of another kind carries updates of its own.
+    run_role(config, devices, facts, (network, &Mail::new())).await
+}
+
+async fn run_role<H: Hardware, N: Network + Administration, F: NorFlash>(
+    config: &CheckedConfig,
+    devices: Devices<'_, H>,
+    facts: &mut FactStore<F>,
+    (network, mail): (&N, &Mail),
+) -> Infallible {
     let Devices {
         uart,
         clock,
@@ -251,6 +274,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         observer: &mut observer,
         indicator: &mut indicator,
         liveness,
+        mail,
     };
     match &config.settings().role {
         #[cfg(feature = "coordinator")]

@@ -1,7 +1,7 @@
-//! One flash for two logs, which each keep to a range of it.
+//! One flash for several users, which each keep to a range of it.
 //!
 //! Does the same as `embassy_embedded_hal::flash::partition` with an `embassy_sync` mutex, in a fraction of
-//! the code: all is in one task, and of two users no more than one ever waits.
+//! the code: all is in one task, so that one waker is enough for all users that wait.
 
 use core::{
     cell::{Cell, RefCell, RefMut},

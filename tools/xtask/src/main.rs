@@ -71,6 +71,9 @@ enum Chore {
         /// Only with this role; may be given several times. Less flash and RAM, but another image for each role
         #[arg(long = "role", value_parser = firmware::ROLE_NAMES)]
         roles: Vec<String>,
+        /// Images of this version that are updated by radio, and the boot loader that they need
+        #[arg(long, value_name = "VERSION")]
+        update: Option<u32>,
     },
     /// Tests against programs of other projects, which are built from source first
     Peers,
@@ -197,7 +200,16 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             scale::run(&sh)
         }
         Chore::Size { largest } => measure_size(&sh, largest),
-        Chore::Firmware { boards, roles } => firmware::run(&sh, &boards, &roles),
+        Chore::Firmware {
+            boards,
+            roles,
+            update: None,
+        } => firmware::run(&sh, &boards, &roles),
+        Chore::Firmware {
+            boards,
+            roles,
+            update: Some(version),
+        } => firmware::updated(&sh, &boards, &roles, version),
         Chore::Peers => {
             setup::packages(&sh)?;
             peers::run(&sh)

@@ -213,6 +213,7 @@ impl Machine {
             buttons: panel,
             observer: (),
             seed: self.starts,
+            update: None,
         };
         let config = &self.config;
         async move {

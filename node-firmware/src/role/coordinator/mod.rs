@@ -52,6 +52,8 @@ pub enum CoordinatorNotification {
     Member(MemberAddress, MemberNotification),
     /// A camera is given a command.
     Command(MemberAddress, CameraCommand),
+    /// A packet of an update is handed on.
+    Update,
 }
 
 /// Message that a member has to be told.
@@ -395,6 +397,10 @@ impl Role for CoordinatorRole {
             }),
             Message::Tracked(tracked) => self.on_tracked(now, address, tracked),
             Message::Stopped(stopped) => self.tell_stop(address, stopped),
+            Message::Update(packet) => self.tasks.tell(ToPc::Update {
+                address,
+                packet: *packet,
+            }),
             Message::Sighting(sighting) => self.tasks.tell(ToPc::Sighting {
                 address,
                 sighting: *sighting,
@@ -434,6 +440,7 @@ impl Role for CoordinatorRole {
                     self.tasks.tell(ToPc::Done { address, done });
                 }
             }
+            CoordinatorNotification::Update => self.tasks.tell(ToPc::UpdateSent),
         }
     }
 

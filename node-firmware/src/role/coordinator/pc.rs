@@ -106,6 +106,15 @@ impl CoordinatorRole {
                 let to = ShortAddress(address);
                 let _ = (self.outbox).push(now, to, Message::Located(located), None);
             }
+            FromPc::Update { to, packet } => {
+                let (to, notification) = (ShortAddress(to), CoordinatorNotification::Update);
+                // What is for the coordinator alone its line has taken.
+                let is_for_others = to != COORDINATOR;
+                let message = Message::Update(packet);
+                if !is_for_others || !self.outbox.push(now, to, message, Some(notification)) {
+                    self.on_sent(now, notification, false);
+                }
+            }
         }
     }
 

@@ -15,6 +15,7 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use board_facts::{BOARDS, Board, chip::Family};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
+use radio_update::stamp::Stamp;
 use xshell::{Shell, cmd};
 
 use self::{grants::Count, image::Image, stack::Worst};
@@ -143,6 +144,69 @@ pub(crate) fn run(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()>
         pack(board, &build(sh, board, &roles)?)?;
     }
     Ok(())
+}
+
+/// Builds images of a version for updates by radio, and the boot loader: `cargo xtask firmware --update`.
+///
+/// # Errors
+/// A board cannot be updated by radio, or a check fails.
+pub(crate) fn updated(sh: &Shell, chosen: &[String], roles: &[String], version: u32) -> Result<()> {
+    let can = || BOARDS.into_iter().filter(|board| board.updated.is_some());
+    for name in chosen {
+        let names: Vec<_> = can().map(|board| board.name).collect();
+        ensure!(
+            names.contains(&name.as_str()),
+            "`{name}` is no board that can be updated by radio: there is {}",
+            names.join(", ")
+        );
+    }
+    let roles: Vec<_> = roles.iter().map(String::as_str).collect();
+    for board in can() {
+        let image = build_updated(sh, board, &roles, version)?;
+        let read = Image::read(&image)?;
+        println!(
+            "{}: version {version}: {}, {}: {} bytes of flash",
+            board.title,
+            name(&image),
+            name(&image.with_extension("bin")),
+            read.size.flash
+        );
+    }
+    let loader = loader(sh)?;
+    let read = Image::read(&loader)?;
+    println!(
+        "boot loader: {}: {} bytes of flash",
+        name(&loader),
+        read.size.flash
+    );
+    Ok(())
+}
+
+/// Builds an image that is updated by radio, with a version, and returns its path. Beside it, with the ending `bin`,
+/// are the bytes that a node takes by radio.
+pub(crate) fn build_updated(
+    sh: &Shell,
+    board: &'static Board,
+    roles: &[&str],
+    version: u32,
+) -> Result<PathBuf> {
+    let name = Name::of(board, roles, true);
+    let path = compile(sh, board.name, &name.file, &name.features)?;
+    let mut elf = fs::read(&path)?;
+    ensure!(
+        Stamp::set_version(&mut elf, version),
+        "{} has no stamp",
+        path.display()
+    );
+    fs::write(&path, &elf)?;
+    let bytes = flash_file::updated(board, &elf).with_context(|| self::name(&path))?;
+    fs::write(path.with_extension("bin"), bytes)?;
+    Ok(path)
+}
+
+/// Builds the boot loader, and returns its path.
+pub(crate) fn loader(sh: &Shell) -> Result<PathBuf> {
+    compile(sh, "loader", "loader", &[])
 }
 
 /// The stage of every day: the images that are looked into, and a camera's alone.
@@ -325,19 +389,43 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
 
 /// Builds an image with these roles, or with all, and returns its path.
 pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
-    let package = board.name;
-    let mut name = package.to_owned();
-    let mut chosen = Vec::new();
-    if !roles.is_empty() {
-        chosen.push("--no-default-features".to_owned());
+    let name = Name::of(board, roles, false);
+    compile(sh, board.name, &name.file, &name.features)
+}
+
+/// Name of the file of an image, and options for its features.
+struct Name {
+    file: String,
+    features: Vec<String>,
+}
+
+impl Name {
+    fn of(board: &Board, roles: &[&str], is_updated: bool) -> Self {
+        let mut file = board.name.to_owned();
+        let mut features = Vec::new();
+        if !roles.is_empty() {
+            features.push("--no-default-features".to_owned());
+        }
+        for role in roles {
+            file = format!("{file}-{role}");
+            features.push(match board.chip.family {
+                Family::Nrf52 => format!("--features=nrf52/{role}"),
+                Family::Stm32l4 => format!("--features={role}"),
+            });
+        }
+        if is_updated {
+            file = format!("{file}-update");
+            features.push("--features=update".to_owned());
+        }
+        Self {
+            file: format!("{file}-node"),
+            features,
+        }
     }
-    for role in roles {
-        name = format!("{name}-{role}");
-        chosen.push(match board.chip.family {
-            Family::Nrf52 => format!("--features=nrf52/{role}"),
-            Family::Stm32l4 => format!("--features={role}"),
-        });
-    }
+}
+
+/// Compiles the image of a package for the boards, and returns its path.
+fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<PathBuf> {
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
     // Only here: other programs of this target have their own layout of the memory.
@@ -352,10 +440,7 @@ pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
     eprintln!("$ {cargo}");
     let built = built::program(&cargo.quiet().read()?, package)?;
-    let image = sh
-        .current_dir()
-        .join(DIRECTORY)
-        .join(format!("{name}-node.elf"));
+    let image = sh.current_dir().join(DIRECTORY).join(format!("{name}.elf"));
     sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
     Ok(image)
