@@ -123,10 +123,13 @@ pub async fn stop(error: PageError) -> ! {
 /// Logs why the node cannot go on, now and after the restart. Nothing reports any more then: the watchdog restarts
 /// it.
 pub fn tell_failure<R, F>(failure: &Failure<R, F>) {
+    #[cfg(feature = "update")]
+    if matches!(failure, Failure::Update) {
+        // Now, not when the watchdog does.
+        retained::say_and_restart(LastWords::restart(Restart::Ordinary));
+    }
     let why = match failure {
         Failure::Link(RunnerError::Radio(_)) => Restart::RadioStuck,
-        #[cfg(feature = "update")]
-        Failure::Update => Restart::Ordinary,
         _ => Restart::Program,
     };
     retained::say(LastWords::restart(why));

@@ -62,8 +62,22 @@ pub enum ImageError {
 /// # Errors
 /// It is none for this board, or the board is not updated by radio.
 pub fn updated(board: &'static Board, elf: &[u8]) -> Result<Vec<u8>, ImageError> {
-    let image = Image::within(board, elf, true)?;
-    let start = board.address(board.image(true).start);
+    flat(board, elf, board.image(true))
+}
+
+/// The bytes of the boot loader of a board that is updated by radio.
+///
+/// # Errors
+/// It is none for this board, or the board is not updated by radio.
+pub fn loader(board: &'static Board, elf: &[u8]) -> Result<Vec<u8>, ImageError> {
+    let updated = board.updated.as_ref().ok_or(ImageError::Empty)?;
+    flat(board, elf, &updated.loader)
+}
+
+/// All bytes of a program from the start of its region on.
+fn flat(board: &'static Board, elf: &[u8], region: &Range<u32>) -> Result<Vec<u8>, ImageError> {
+    let image = Image::within(board, elf, region)?;
+    let start = board.address(region.start);
     match image.parts.first_key_value() {
         Some((&first, _)) if first == start => Ok(in_one_piece(&image.parts)),
         Some((&first, _)) => Err(ImageError::Behind(first.into(), start)),
@@ -77,16 +91,15 @@ impl Image {
     /// # Errors
     /// It is none for this board.
     pub fn of(board: &'static Board, elf: &[u8]) -> Result<Self, ImageError> {
-        Self::within(board, elf, false)
+        Self::within(board, elf, &board.regions.image)
     }
 
-    fn within(board: &'static Board, elf: &[u8], is_updated: bool) -> Result<Self, ImageError> {
+    fn within(board: &'static Board, elf: &[u8], region: &Range<u32>) -> Result<Self, ImageError> {
         let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|_| ImageError::NoElf)?;
         if file.architecture() != object::Architecture::Arm {
             return Err(ImageError::NotArm);
         }
         let endian = file.endian();
-        let region = board.image(is_updated);
         let [least, most] = [region.start, region.end].map(|place| board.address(place));
         let mut parts = BTreeMap::new();
         for header in file.elf_program_headers() {

@@ -45,6 +45,9 @@ pub struct Node {
     pub image: PathBuf,
     /// Other contents of the flash and UICR when power comes: addresses and bytes.
     pub flash: Vec<(u64, Vec<u8>)>,
+    /// The program, where it is written while it runs, and the rest of the flash that is: both are in `flash` then. By
+    /// default the program is not written, and the rest is [`MEMORY`].
+    pub parts: Option<[Range<u64>; 2]>,
     /// At the other end of UARTE0.
     pub peer: Option<Box<dyn Peer>>,
     /// On the bus of TWIM0, by their addresses.
@@ -167,13 +170,17 @@ pub(crate) fn run(
     if let Some(faults) = node.faults {
         faults(&mut soc);
     }
-    let program = Image::read(&node.image, None).map_err(|error| text(&error))?;
-    let addresses = 0..MEMORY.start;
+    // A program that is written while it runs is in the flash already: the file only tells where its log is.
+    let program = match node.parts {
+        None => vec![Image::read(&node.image, None).map_err(|error| text(&error))?],
+        Some(_) => Vec::new(),
+    };
+    let addresses = { node.parts.as_ref() }.map_or(0..MEMORY.start, |[program, _]| program.clone());
     let pieces = { node.flash.iter() }
         .filter(|(at, _)| addresses.contains(at))
         .flat_map(|(at, bytes)| [at.to_le_bytes().to_vec(), bytes.clone()]);
-    let pieces: Vec<_> = [program.bytes().to_vec()]
-        .into_iter()
+    let pieces: Vec<_> = { program.iter() }
+        .map(|program| program.bytes().to_vec())
         .chain(pieces)
         .collect();
     let processor = Lease::default();
@@ -184,7 +191,7 @@ pub(crate) fn run(
     };
     let session = Session::new(Box::new(board), 0, VirtualNanos(1));
     let session = session.map_err(|error| text(&error))?;
-    let mut images = vec![program];
+    let mut images = program;
     let info = (soc::FICR, soc::ficr(number));
     for (address, bytes) in node.flash.into_iter().chain([info]) {
         let name = format!("{address:#x}");
@@ -193,6 +200,7 @@ pub(crate) fn run(
     }
     let driver = Run {
         number,
+        memory: node.parts.map_or_else(|| vec![MEMORY], Vec::from),
         time: Time {
             since,
             drift_ppb: node.drift_ppb,
@@ -260,6 +268,8 @@ fn rtt(image: &Path) -> Option<u64> {
 
 struct Run {
     number: usize,
+    /// Parts of the flash that the program writes.
+    memory: Vec<Range<u64>>,
     time: Time,
     /// Number of resets that were told.
     resets: usize,
@@ -364,19 +374,20 @@ impl Run {
     }
 
     /// Parts of the flash that programs write.
-    fn memory(host: &mut dyn Host) -> Vec<(u64, Vec<u8>)> {
+    fn memory(&self, host: &mut dyn Host) -> Vec<(u64, Vec<u8>)> {
         let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
-        let contents = [MEMORY, SETTINGS].map(|range| {
+        let ranges = self.memory.iter().cloned().chain([SETTINGS]);
+        let contents = ranges.map(|range| {
             let start = range.start;
             let words = range.step_by(4).flat_map(|at| word(at).to_le_bytes());
             (start, words.collect())
         });
-        contents.into()
+        contents.collect()
     }
 
     /// Contents of the flash when power goes.
     fn end(&mut self, host: &mut dyn Host) {
-        self.outcome.flash = Self::memory(host);
+        self.outcome.flash = self.memory(host);
         let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
         let (start, size) = soc::RAM;
         let words = (start..start + size).step_by(4);
@@ -465,7 +476,7 @@ impl Driver<Board> for Run {
                         next,
                         deeds: Vec::new(),
                         changes,
-                        shown: Some(Self::memory(host)),
+                        shown: Some(self.memory(host)),
                     };
                 }
                 None => {

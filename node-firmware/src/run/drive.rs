@@ -252,6 +252,8 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
             // The target asks if it has to know.
             let receipt = match message {
                 Message::Look(look) if look.sight == Sight::NotInView => Receipt::NotWanted,
+                // What nodes miss of it they ask for.
+                Message::Update(_) if to == ShortAddress::BROADCAST => Receipt::NotWanted,
                 _ => Receipt::Wanted,
             };
             let ticket = network.post(to, message, receipt)?;

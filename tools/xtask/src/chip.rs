@@ -43,9 +43,20 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     compare(sh)?;
     let bound = firmware::stack_bound(&image)?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
+    let _updated = updated(sh)?;
     // A process translates the image once for each test that runs at the same time.
     let said = harness::ignored(sh, &SUITES, Pace::SideBySide)?;
     stack(sh, bound, &said)
+}
+
+/// Tells tests the image that is updated by radio, and its boot loader.
+fn updated(sh: &Shell) -> Result<[xshell::PushEnv<'_>; 2]> {
+    let image = firmware::build_updated(sh, &BOARD, &[], 1)?;
+    let loader = firmware::loader(sh)?.with_extension("bin");
+    Ok([
+        sh.push_env("NODE_UPDATED", sh.current_dir().join(image)),
+        sh.push_env("NODE_LOADER", sh.current_dir().join(loader)),
+    ])
 }
 
 /// The processor has the same arithmetic as QEMU's, which is an independent implementation.

@@ -164,7 +164,7 @@ pub enum LinkEvent {
 pub enum Effort {
     /// It is repeated until the member acknowledges it.
     Acknowledged,
-    /// It is sent once, for an application that repeats it itself until its own answer comes.
+    /// It is sent once, also to all, for an application that repeats it itself until its own answer comes.
     Once,
 }
 
@@ -307,7 +307,13 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             Effort::Acknowledged => Kind::Unicast,
             Effort::Once => Kind::Once,
         };
-        self.enqueue(now, kind, destination, bytes)
+        let is_last_copy = kind == Kind::Broadcast && effort == Effort::Once;
+        let attempts = if is_last_copy {
+            BROADCAST_COPIES - 1
+        } else {
+            0
+        };
+        self.enqueue(now, (kind, attempts), destination, bytes)
     }
 
     /// Hands the next key on to a member, as reliably as a message. It is accepted there at once
@@ -323,7 +329,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         next: &Key,
     ) -> Result<Ticket, SendError> {
         let bytes = packet::emit_next_key(next);
-        self.enqueue(now, Kind::Control, destination, &bytes)
+        self.enqueue(now, (Kind::Control, 0), destination, &bytes)
     }
 
     /// Uses the next key from now on.
@@ -340,7 +346,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     fn enqueue(
         &mut self,
         now: Instant,
-        kind: Kind,
+        (kind, attempts): (Kind, u8),
         destination: ShortAddress,
         bytes: &[u8],
     ) -> Result<Ticket, SendError> {
@@ -355,7 +361,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             destination,
             bytes: heapless::Vec::from_slice(bytes).map_err(|_| SendError::TooLong)?,
             counters: None,
-            attempts: 0,
+            attempts,
             due: now,
             result: None,
         };

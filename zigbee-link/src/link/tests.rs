@@ -698,6 +698,24 @@ fn a_broadcast_is_sent_twice_and_not_acknowledged() {
 }
 
 #[test]
+fn a_broadcast_that_its_user_repeats_is_sent_once() {
+    let mut aether = Aether::new(2, 0.0, 1);
+    let (all, now) = (ShortAddress::BROADCAST, aether.now);
+    let sent = |aether: &mut Aether, effort| {
+        let before = aether.heard.len();
+        let ticket = aether.nodes[0].send_with(now, all, &7_u8, effort).unwrap();
+        aether.run();
+        let result = aether.nodes[0].result_of(ticket);
+        assert_eq!(result, Some(Delivery::Broadcast));
+        aether.heard.len() - before
+    };
+    // What a stranger needs to believe it comes besides, the first time.
+    let _ = sent(&mut aether, Effort::Acknowledged);
+    assert_eq!(sent(&mut aether, Effort::Acknowledged), 2);
+    assert_eq!(sent(&mut aether, Effort::Once), 1);
+}
+
+#[test]
 fn a_broadcast_to_one_is_refused() {
     let mut aether = acquainted();
     let unknown = aether.nodes[2].counts().unknown;

@@ -206,7 +206,10 @@ pub(crate) fn build_updated(
 
 /// Builds the boot loader, and returns its path.
 pub(crate) fn loader(sh: &Shell) -> Result<PathBuf> {
-    compile(sh, "loader", "loader", &[])
+    let path = compile(sh, "loader", "loader", &[])?;
+    let bytes = flash_file::loader(&board_facts::NRF52840_DK, &fs::read(&path)?)?;
+    fs::write(path.with_extension("bin"), bytes)?;
+    Ok(path)
 }
 
 /// The stage of every day: the images that are looked into, and a camera's alone.

@@ -5,6 +5,7 @@ mod debugging;
 mod drift;
 mod faults;
 mod sensors;
+mod update;
 
 use std::{
     collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,

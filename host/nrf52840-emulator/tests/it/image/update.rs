@@ -1,0 +1,235 @@
+//! Updates by radio: the boot loader, the image of `NODE_UPDATED`, a coordinator whose PC spreads a package.
+
+use std::{
+    collections::{BTreeSet, VecDeque},
+    sync::{Arc, Mutex},
+    time::Duration,
+};
+
+use node_firmware::{
+    console::{FRAME_MAX, FromPc, encode},
+    message::UpdatePacket,
+};
+use radio_update::{
+    package::{Package, key_record, public_key},
+    sender::Sender,
+    stamp::Stamp,
+};
+
+use super::*;
+
+const SECRET: [u8; 32] = [17; 32];
+/// `Updated` of `board-facts`: the loader and the image, and all else.
+const PROGRAM: Range<u64> = 0..0x6_8000;
+const IMAGE: u64 = 0x8000;
+const FLASH_END: u64 = 0x10_0000;
+/// Nanoseconds of a byte at 115,200 baud.
+const BYTE: u64 = 86_806;
+
+fn file(variable: &str) -> PathBuf {
+    env::var_os(variable)
+        .unwrap_or_else(|| panic!("{variable} is not set"))
+        .into()
+}
+
+/// The image of this version, as nodes take it.
+fn binary(version: u32) -> Vec<u8> {
+    let mut image = fs::read(file("NODE_UPDATED").with_extension("bin")).unwrap();
+    assert!(Stamp::set_version(&mut image, version));
+    image
+}
+
+/// A node with boot loader, image of version 1, configuration and key; its program in one piece, and the rest.
+fn updated(node: Node) -> Node {
+    let mut flash = vec![0xFF; FLASH_END as usize];
+    let mut put = |at: u64, bytes: &[u8]| {
+        flash[at as usize..][..bytes.len()].copy_from_slice(bytes);
+    };
+    put(0, &fs::read(file("NODE_LOADER")).unwrap());
+    put(IMAGE, &binary(1));
+    for (at, bytes) in &node.flash {
+        put(*at, bytes);
+    }
+    let key = PAGE + u64::from(board_key());
+    put(key, &key_record(&public_key(&SECRET)));
+    let rest = flash.split_off(PROGRAM.end as usize);
+    Node {
+        image: file("NODE_UPDATED"),
+        flash: vec![(0, flash), (PROGRAM.end, rest)],
+        parts: Some([PROGRAM, PROGRAM.end..FLASH_END]),
+        ..node
+    }
+}
+
+/// Place of the key behind the configuration.
+const fn board_key() -> u32 {
+    512
+}
+
+/// The PC on the coordinator's line.
+#[derive(Debug)]
+struct Desk {
+    frames: Frames,
+    members: BTreeSet<u16>,
+    /// Instant when the update begins.
+    begins: u64,
+    package: Package,
+    sender: Option<Sender>,
+    /// Bytes, and when each is sent.
+    line: VecDeque<(u64, u8)>,
+    free: u64,
+}
+
+impl Desk {
+    fn pump(&mut self, now: u64) {
+        if now < self.begins {
+            return;
+        }
+        let nodes = self.members.iter().copied().chain([0]);
+        let sender = self
+            .sender
+            .get_or_insert_with(|| Sender::new(self.package.clone(), nodes, 0));
+        while let Some(next) = sender.poll(Duration::from_nanos(now)) {
+            let message = FromPc::Update {
+                to: next.to.unwrap_or(0xFFFF),
+                packet: UpdatePacket::new(&next.packet).unwrap(),
+            };
+            let mut buffer = [0; FRAME_MAX];
+            let mut at = self.free.max(now);
+            for &byte in encode(&message, &mut buffer).unwrap() {
+                at += BYTE;
+                self.line.push_back((at, byte));
+            }
+            self.free = at;
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Pc(Arc<Mutex<Desk>>);
+
+impl Pc {
+    fn new(package: Package, begins: u64) -> Self {
+        Self(Arc::new(Mutex::new(Desk {
+            frames: Frames::default(),
+            members: BTreeSet::new(),
+            begins,
+            package,
+            sender: None,
+            line: VecDeque::new(),
+            free: 0,
+        })))
+    }
+
+    fn is_done(&self) -> bool {
+        let desk = self.0.lock().unwrap();
+        desk.sender.as_ref().is_some_and(Sender::is_done)
+    }
+}
+
+impl Peer for Pc {
+    fn receive(&mut self, byte: u8, at: u64) {
+        let mut desk = self.0.lock().unwrap();
+        let now = Duration::from_nanos(at);
+        match desk.frames.push(byte) {
+            Some(ToPc::Member { address, .. }) => {
+                desk.members.insert(address);
+            }
+            Some(ToPc::Update { address, packet }) => {
+                if let Some(sender) = &mut desk.sender {
+                    sender.on_packet(now, address, packet.bytes());
+                }
+            }
+            Some(ToPc::UpdateSent) => {
+                if let Some(sender) = &mut desk.sender {
+                    sender.on_sent();
+                }
+            }
+            _ => {}
+        }
+        desk.pump(at);
+    }
+
+    fn transmit(&mut self, now: u64) -> Option<u8> {
+        let mut desk = self.0.lock().unwrap();
+        desk.pump(now);
+        let (at, byte) = *desk.line.front()?;
+        (at <= now).then(|| {
+            desk.line.pop_front();
+            byte
+        })
+    }
+
+    fn next(&self) -> Option<u64> {
+        let desk = self.0.lock().unwrap();
+        let byte = desk.line.front().map(|(at, _)| *at);
+        let thinks = match &desk.sender {
+            None => Some(desk.begins),
+            Some(sender) => sender.deadline().map(|time| time.as_nanos() as u64),
+        };
+        byte.into_iter().chain(thinks).min()
+    }
+}
+
+/// The image that a node runs at the end.
+fn runs(outcome: &Outcome, version: u32) -> bool {
+    let (_, program) = &outcome.flash[0];
+    let image = binary(version);
+    program[IMAGE as usize..][..image.len()] == image
+}
+
+/// The unmodified images: coordinator, camera and target take an image, change to it, find each other again, and keep
+/// it.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_network_is_updated_by_radio() {
+    let lab = lab();
+    let package = Package::sign(&binary(2), &SECRET).unwrap();
+    let (_, blocks) = package.blocks();
+    let pc = Pc::new(package, 15 * S);
+    let coordinator = Node {
+        peer: Some(Box::new(pc.clone())),
+        ..updated(lab.coordinator())
+    };
+    let nodes = [coordinator, updated(lab.camera(0)), updated(lab.target())];
+    let count = nodes.len();
+    let mut network = Network::default();
+    for (number, node) in nodes.into_iter().enumerate() {
+        network.switch_on(number, node, 0);
+    }
+    let mut airtime = 0;
+    while network.reached() < 400 * S && !pc.is_done() {
+        let until = network.reached() + S;
+        for (_, number, deed) in network.run(until) {
+            match deed {
+                Deed::Fails(why) => panic!("{number}: {why}"),
+                Deed::Sends(frame) => {
+                    airtime += frame.end() - frame.start;
+                    for to in (0..count).filter(|to| *to != number) {
+                        network.input(to, Input::Frame(frame.clone(), LEVEL.into()));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    let ended = network.reached();
+    let desk = pc.0.lock().unwrap();
+    let sender = desk.sender.as_ref().unwrap();
+    println!(
+        "{blocks} blocks, {:?}, {} s, {} s of airtime",
+        sender.sent(),
+        ended / S,
+        airtime / S
+    );
+    assert!(sender.has_succeeded(), "{:?}", sender.nodes());
+    assert_eq!(sender.nodes().len(), count);
+    drop(desk);
+    for number in 0..count {
+        let outcome = network.switch_off(number).unwrap().unwrap();
+        println!("{number}: {:?}", outcome.resets);
+        assert!(runs(&outcome, 2), "{number}");
+        assert_eq!(outcome.forbidden, []);
+        assert_eq!(outcome.unmapped, [""; 0]);
+    }
+}
