@@ -27,6 +27,9 @@ use crate::{
 const WINDOW: usize = 2;
 /// Time that each node gets for its answer to a question to all.
 const SLOT: Duration = Duration::from_millis(12);
+/// Time after which a packet that was not told to be sent counts as lost, with all that is known: to a node that is not
+/// there it takes a network about a minute.
+const LINE: Duration = Duration::from_secs(90);
 /// Time for an answer.
 const ANSWER: Duration = Duration::from_millis(1500);
 /// Attempts to ask a node that does not answer.
@@ -139,6 +142,8 @@ pub struct Sender {
     stage: Stage,
     queue: VecDeque<Transmit>,
     outstanding: usize,
+    /// Time when a packet was last handed over or told to be sent.
+    moved: Duration,
     /// Time to be waited for when all is sent.
     pause: Duration,
     wait: Duration,
@@ -161,6 +166,7 @@ impl Sender {
             stage: Stage::Spread,
             queue: VecDeque::new(),
             outstanding: 0,
+            moved: Duration::ZERO,
             pause: Duration::ZERO,
             wait: Duration::ZERO,
             is_survey_due: true,
@@ -205,18 +211,27 @@ impl Sender {
 
     /// Time at which to [`poll`](Self::poll) again, if nothing happens before.
     pub fn deadline(&self) -> Option<Duration> {
-        let is_waiting = !self.is_done() && self.outstanding == 0;
-        is_waiting.then_some(self.wait)
+        let deadline = match self.outstanding {
+            0 => self.wait,
+            _ => self.moved + LINE,
+        };
+        (!self.is_done()).then_some(deadline)
     }
 
     /// The next packet to be sent now.
     pub fn poll(&mut self, now: Duration) -> Option<Transmit> {
+        if self.outstanding > 0 && now >= self.moved + LINE {
+            self.outstanding = 0;
+            self.queue.clear();
+            self.is_survey_due = true;
+        }
         loop {
             if self.is_done() || self.outstanding >= WINDOW {
                 return None;
             }
             if let Some(next) = self.queue.pop_front() {
                 self.outstanding += 1;
+                self.moved = now;
                 self.sent.bytes += next.packet.len();
                 if matches!(next.packet.first(), Some(2 | 3)) {
                     self.sent.blocks += 1;
@@ -239,15 +254,9 @@ impl Sender {
     }
 
     /// A packet was sent, or could not be.
-    pub fn on_sent(&mut self) {
+    pub fn on_sent(&mut self, now: Duration) {
+        self.moved = now;
         self.outstanding = self.outstanding.saturating_sub(1);
-    }
-
-    /// The line was lost: what was on its way is asked for again.
-    pub fn on_line_lost(&mut self) {
-        self.outstanding = 0;
-        self.queue.clear();
-        self.is_survey_due = true;
     }
 
     /// A node sent a packet.

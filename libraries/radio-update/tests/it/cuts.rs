@@ -52,7 +52,7 @@ fn no_loss_of_power_costs_a_node() {
                     }
                     node.confirm();
                 }
-                sender.on_sent();
+                sender.on_sent(now);
             } else if let Some(deadline) = sender.deadline() {
                 now = now.max(deadline);
             }

@@ -55,7 +55,7 @@ pub(crate) fn drive(
                     sender.on_packet(now, address, &answer);
                 }
             }
-            sender.on_sent();
+            sender.on_sent(now);
         } else if let Some(deadline) = sender.deadline() {
             now = now.max(deadline);
         }
@@ -148,7 +148,7 @@ fn a_new_image_that_finds_no_network_goes_back() {
             if let Some(answer) = node.take(&next.packet) {
                 sender.on_packet(now, 0, &answer);
             }
-            sender.on_sent();
+            sender.on_sent(now);
         } else {
             now += Duration::from_secs(1);
         }

@@ -16,6 +16,8 @@ use radio_update::{
     stamp::Stamp,
 };
 
+use rand::RngExt;
+
 use super::*;
 
 const SECRET: [u8; 32] = [17; 32];
@@ -39,14 +41,14 @@ fn binary(version: u32) -> Vec<u8> {
     image
 }
 
-/// A node with boot loader, image of version 1, configuration and key; its program in one piece, and the rest.
-fn updated(node: Node) -> Node {
+/// A node with boot loader, image of this version, configuration and key; its program in one piece, and the rest.
+fn updated(node: Node, version: u32) -> Node {
     let mut flash = vec![0xFF; FLASH_END as usize];
     let mut put = |at: u64, bytes: &[u8]| {
         flash[at as usize..][..bytes.len()].copy_from_slice(bytes);
     };
     put(0, &fs::read(file("NODE_LOADER")).unwrap());
-    put(IMAGE, &binary(1));
+    put(IMAGE, &binary(version));
     for (at, bytes) in &node.flash {
         put(*at, bytes);
     }
@@ -142,7 +144,7 @@ impl Peer for Pc {
             }
             Some(ToPc::UpdateSent) => {
                 if let Some(sender) = &mut desk.sender {
-                    sender.on_sent();
+                    sender.on_sent(now);
                 }
             }
             _ => {}
@@ -178,8 +180,7 @@ fn runs(outcome: &Outcome, version: u32) -> bool {
     program[IMAGE as usize..][..image.len()] == image
 }
 
-/// The unmodified images: coordinator, camera and target take an image, change to it, find each other again, and keep
-/// it.
+/// The unmodified images: coordinator and camera take an image, change to it, find each other again, and keep it.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_network_is_updated_by_radio() {
@@ -189,9 +190,9 @@ fn a_network_is_updated_by_radio() {
     let pc = Pc::new(package, 15 * S);
     let coordinator = Node {
         peer: Some(Box::new(pc.clone())),
-        ..updated(lab.coordinator())
+        ..updated(lab.coordinator(), 1)
     };
-    let nodes = [coordinator, updated(lab.camera(0)), updated(lab.target())];
+    let nodes = [coordinator, updated(lab.camera(0), 1)];
     let count = nodes.len();
     let mut network = Network::default();
     for (number, node) in nodes.into_iter().enumerate() {
@@ -232,4 +233,99 @@ fn a_network_is_updated_by_radio() {
         assert_eq!(outcome.forbidden, []);
         assert_eq!(outcome.unmapped, [""; 0]);
     }
+}
+
+/// Power of a node goes at any time, often in the middle of a write, and a third of all frames is lost: every node runs
+/// every image at last. `NODE_CUTS` is a number of cuts.
+#[test]
+#[ignore = "`cargo xtask bench chip`"]
+fn updates_survive_losses_of_power() {
+    let cuts = env::var("NODE_CUTS")
+        .ok()
+        .and_then(|cuts| cuts.parse().ok());
+    let cuts: usize = cuts.unwrap_or(20);
+    let mut random = test_support::generator(21);
+    let (mut done, mut version) = (0, 1);
+    while done < cuts {
+        let seed = random.random_range(0..1000);
+        done += update_with_cuts(version, &mut test_support::generator(seed));
+        version += 1;
+        println!("{done} losses of power in {} updates", version - 1);
+    }
+}
+
+/// An update to the next version. Returns the number of cuts.
+fn update_with_cuts(version: u32, random: &mut impl RngExt) -> usize {
+    let lab = lab();
+    let package = Package::sign(&binary(version + 1), &SECRET).unwrap();
+    let pc = Pc::new(package, 20 * S);
+    let node = |number: usize| match number {
+        0 => Node {
+            peer: Some(Box::new(pc.clone())),
+            ..updated(lab.coordinator(), version)
+        },
+        _ => updated(lab.camera(0), version),
+    };
+    let mut network = Network::default();
+    for number in 0..2 {
+        network.switch_on(number, node(number), 0);
+    }
+    let (mut cuts, mut next) = (0, 25 * S);
+    // The node whose power goes, and when.
+    let mut falls: Option<(usize, u64)> = None;
+    while network.reached() < 7200 * S && !pc.is_done() {
+        let mut until = network.reached() + S;
+        if let Some((number, at)) = falls {
+            until = until.min(at);
+            if network.reached() >= at {
+                let outcome = network.switch_off(number).unwrap().unwrap();
+                assert_eq!(outcome.forbidden, []);
+                assert_eq!(outcome.unmapped, [""; 0]);
+                let again = Node {
+                    flash: outcome.flash,
+                    ..node(number)
+                };
+                network.switch_on(number, again, at + 50 * MS);
+                cuts += 1;
+                falls = None;
+                next = at + random.random_range(0..20 * S);
+            }
+        } else if network.reached() >= next {
+            let number = usize::from(random.random_bool(0.7));
+            next = u64::MAX;
+            if random.random_bool(0.5) {
+                network.input(number, Input::StandInWrite);
+                // In case that it writes nothing.
+                next = network.reached() + 30 * S;
+            } else {
+                falls = Some((number, network.reached()));
+            }
+        }
+        for (at, number, deed) in network.run(until) {
+            match deed {
+                Deed::Fails(why) => panic!("{number}: {why}"),
+                Deed::Writes(takes) => {
+                    falls = Some((number, at + random.random_range(0..takes)));
+                }
+                Deed::Sends(frame) if !random.random_bool(0.3) => {
+                    network.input(1 - number, Input::Frame(frame, LEVEL.into()));
+                }
+                _ => {}
+            }
+        }
+    }
+    let desk = pc.0.lock().unwrap();
+    let sender = desk.sender.as_ref().unwrap();
+    println!(
+        "{cuts} cuts, {} s, {:?}",
+        network.reached() / S,
+        sender.sent()
+    );
+    assert!(sender.has_succeeded(), "{:?}", sender.nodes());
+    drop(desk);
+    for number in 0..2 {
+        let outcome = network.switch_off(number).unwrap().unwrap();
+        assert!(runs(&outcome, version + 1), "{number}");
+    }
+    cuts
 }
