@@ -39,6 +39,7 @@ mod solve_reference;
 mod solve_space;
 mod sweep;
 mod sweep_outputs;
+mod update;
 mod values;
 mod whole_file;
 
@@ -68,6 +69,7 @@ enum Command {
     SolveNetwork(Box<solve_network::Arguments>),
     SolveReference(solve_reference::Arguments),
     Sweep(sweep::Arguments),
+    Update(update::Arguments),
 }
 
 /// Runs the command line; errors are printed, and become the exit code 2.
@@ -88,6 +90,7 @@ pub(crate) fn main() -> ExitCode {
         Command::SolveNetwork(arguments) => solve_network::run(&arguments),
         Command::SolveReference(arguments) => solve_reference::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
+        Command::Update(arguments) => update::run(&arguments),
     };
     match done {
         Ok(code) => code,

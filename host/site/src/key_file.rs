@@ -1,13 +1,15 @@
-//! Site keys in files.
+//! Keys of a site in files.
 //!
 //! A key file is one line of ASCII, ended by a line feed:
 //!
 //! ```text
 //! site-key 1 INDEX KEY CHECKSUM
+//! update-key 1 KEY CHECKSUM
 //! ```
 //!
-//! `1` is the version of the format, INDEX the key's index in decimal (1 to 255), KEY its 16 bytes
-//! and CHECKSUM the CRC-32 (ISO-HDLC) of all characters before it, both in lower-case hexadecimal.
+//! The first is the key of the radio network, which every node has. The second signs images for updates by radio; nodes
+//! have its public key only. `1` is the version of the format, INDEX the key's index in decimal (1 to 255), KEY its 16
+//! or 32 bytes and CHECKSUM the CRC-32 (ISO-HDLC) of all characters before it, both in lower-case hexadecimal.
 //! Only its owner may read it. No message tells its content.
 
 use std::{
@@ -23,6 +25,7 @@ use thiserror::Error;
 use crate::durable;
 
 const START: &str = "site-key 1 ";
+const UPDATE_START: &str = "update-key 1 ";
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 /// More than the longest line.
 const LENGTH_MAX: u64 = 128;
@@ -31,7 +34,7 @@ const LENGTH_MAX: u64 = 128;
 #[derive(Debug, Error)]
 pub enum KeyFileError {
     /// The operating system's answer.
-    #[error("it cannot be read; `host-sim keygen FILE` makes the key of a new site")]
+    #[error("it cannot be read; `host-sim keygen` makes keys of a new site")]
     Read(#[source] io::Error),
     /// It is not only its owner's.
     #[error(
@@ -41,7 +44,7 @@ pub enum KeyFileError {
     Public,
     /// It is something else, or was changed.
     #[error(
-        "it holds no site key ({0}): take the copy that was kept, or make another key with \
+        "it holds no key of its kind ({0}): take the copy that was kept, or make another key with \
          `host-sim keygen`"
     )]
     NoKey(&'static str),
@@ -64,6 +67,20 @@ pub enum KeyFileError {
 /// # Errors
 /// [`KeyFileError`]
 pub fn read(path: &Path) -> Result<SiteKey, KeyFileError> {
+    let key = parse(&contents(path)?).map_err(KeyFileError::NoKey)?;
+    key.key().map(|_| key).ok_or(KeyFileError::NotRandom)
+}
+
+/// Reads the secret key that signs images: its seed.
+///
+/// # Errors
+/// [`KeyFileError`]
+pub fn read_update_key(path: &Path) -> Result<[u8; 32], KeyFileError> {
+    parse_update_key(&contents(path)?).map_err(KeyFileError::NoKey)
+}
+
+/// The contents of a file that only its owner may read.
+fn contents(path: &Path) -> Result<Vec<u8>, KeyFileError> {
     let known = fs::metadata(path).map_err(KeyFileError::Read)?;
     if !known.is_file() || known.len() > LENGTH_MAX {
         return Err(KeyFileError::NoKey("it is no file of one line"));
@@ -75,9 +92,7 @@ pub fn read(path: &Path) -> Result<SiteKey, KeyFileError> {
             return Err(KeyFileError::Public);
         }
     }
-    let bytes = fs::read(path).map_err(KeyFileError::Read)?;
-    let key = parse(&bytes).map_err(KeyFileError::NoKey)?;
-    key.key().map(|_| key).ok_or(KeyFileError::NotRandom)
+    fs::read(path).map_err(KeyFileError::Read)
 }
 
 /// Draws a new key with this index, 1 to 255, and writes it into a file that does not exist yet.
@@ -90,20 +105,60 @@ pub fn create(path: &Path, index: u8) -> Result<(), KeyFileError> {
     if SiteKey::new(index, bytes).key().is_none() {
         return Err(KeyFileError::NoRandomness);
     }
-    durable::write_private(path, text(index, &bytes).as_bytes(), false).map_err(|error| match error
-        .kind()
-    {
+    write(path, &text(index, &bytes))
+}
+
+/// Draws a new key that signs images, and writes it into a file that does not exist yet.
+///
+/// # Errors
+/// [`KeyFileError`]
+pub fn create_update_key(path: &Path) -> Result<(), KeyFileError> {
+    let mut bytes = [0; 32];
+    getrandom::fill(&mut bytes).map_err(|_| KeyFileError::NoRandomness)?;
+    write(path, &line(UPDATE_START.to_owned(), &bytes))
+}
+
+fn write(path: &Path, text: &str) -> Result<(), KeyFileError> {
+    durable::write_private(path, text.as_bytes(), false).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => KeyFileError::Exists,
         _ => KeyFileError::Write(error),
     })
 }
 
 fn text(index: u8, bytes: &[u8; 16]) -> String {
-    let mut text = format!("{START}{index} ");
+    line(format!("{START}{index} "), bytes)
+}
+
+/// A line of a key with its checksum.
+fn line(mut text: String, bytes: &[u8]) -> String {
     text.extend(bytes.iter().map(|byte| format!("{byte:02x}")));
     text.push(' ');
     let checksum = CRC.checksum(text.as_bytes());
     text + &format!("{checksum:08x}\n")
+}
+
+fn parse_update_key(contents: &[u8]) -> Result<[u8; 32], &'static str> {
+    let text = str::from_utf8(contents).map_err(|_| "it is not text")?;
+    let rest = text.strip_prefix(UPDATE_START);
+    let rest = rest.ok_or("it does not begin with `update-key 1`")?;
+    let (digits, _) = rest.split_once(' ').ok_or("it is not whole")?;
+    let bytes = hexadecimal(digits).ok_or("its key is not 32 bytes in hexadecimal")?;
+    // Each key has one text: a file with another text was changed.
+    if line(UPDATE_START.to_owned(), &bytes) != text {
+        return Err("its checksum is wrong");
+    }
+    Ok(bytes)
+}
+
+fn hexadecimal<const N: usize>(digits: &str) -> Option<[u8; N]> {
+    let mut bytes = [0; N];
+    if digits.len() != 2 * N || !digits.is_ascii() {
+        return None;
+    }
+    for (place, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&digits[2 * place..][..2], 16).ok()?;
+    }
+    Some(bytes)
 }
 
 /// Errors tell nothing of the contents.
@@ -117,14 +172,7 @@ fn parse(contents: &[u8]) -> Result<SiteKey, &'static str> {
         return Err("it is not whole");
     };
     let index = index.parse().map_err(|_| "its index is not 1 to 255")?;
-    let mut bytes = [0; 16];
-    if digits.len() != 32 || !digits.is_ascii() {
-        return Err("its key is not 16 bytes");
-    }
-    for (place, byte) in bytes.iter_mut().enumerate() {
-        *byte = u8::from_str_radix(&digits[2 * place..][..2], 16)
-            .map_err(|_| "its key is not hexadecimal")?;
-    }
+    let bytes = hexadecimal(digits).ok_or("its key is not 16 bytes in hexadecimal")?;
     // Each key has one text: a file with another text was changed.
     if self::text(index, &bytes) != text {
         return Err("its checksum is wrong");
@@ -161,6 +209,29 @@ mod tests {
                     assert!(parse(&other).is_err(), "{place}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_key_for_updates() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        create_update_key(&path).unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let key = read_update_key(&path).unwrap();
+        assert_ne!(key, [0; 32]);
+        assert!(matches!(
+            create_update_key(&path),
+            Err(KeyFileError::Exists)
+        ));
+        // One kind is not taken for the other.
+        assert!(matches!(read(&path), Err(KeyFileError::NoKey(_))));
+        assert!(parse_update_key(GOLDEN.as_bytes()).is_err());
+        for place in 0..text.len() {
+            let mut other = text.clone().into_bytes();
+            other[place] ^= 1;
+            assert!(parse_update_key(&other).is_err(), "{place}");
+            assert!(parse_update_key(&text.as_bytes()[..place]).is_err());
         }
     }
 

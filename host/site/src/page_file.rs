@@ -1,7 +1,7 @@
 //! Configuration pages in files.
 //!
-//! A page file is a page as it stands in a board's flash, [`PAGE_MAX`] bytes. It holds the site's
-//! key, so only its owner may read it.
+//! A page file is a page as it stands in a board's flash, [`PAGE_MAX`] bytes; and behind it, where the node takes updates
+//! by radio, the public key of these, 40 bytes. It holds the site's key, so only its owner may read it.
 
 use std::{
     fs::File,
@@ -13,6 +13,7 @@ use node_firmware::config::{
     CheckedConfig,
     page::{self, PAGE_MAX, PageError},
 };
+use radio_update::package::{Key, key_record, read_key};
 use thiserror::Error;
 
 use crate::durable;
@@ -51,20 +52,31 @@ pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
     let read = File::open(path).and_then(|file| file.take(MOST).read_to_end(&mut bytes));
     read.map_err(PageFileError::Read)?;
     let config = page::decode(&bytes).map_err(PageFileError::Page)?;
-    if bytes.len() != PAGE_MAX {
+    let rest = bytes.get(PAGE_MAX..).unwrap_or_default();
+    let is_key = || {
+        rest.as_array()
+            .is_some_and(|record| read_key(record).is_some())
+    };
+    if bytes.len() != PAGE_MAX && !is_key() {
         return Err(PageFileError::Length(bytes.len()));
     }
     Ok(config)
 }
 
-/// Writes a page, which replaces a file only with `overwrite`. Returns how many of its bytes the
+/// Writes a page, and a key behind it, which replace a file only with `overwrite`. Returns how many of its bytes the
 /// configuration takes.
 ///
 /// # Errors
 /// [`PageFileError`]
-pub fn write(path: &Path, config: &CheckedConfig, overwrite: bool) -> Result<usize, PageFileError> {
-    let mut bytes = [0; PAGE_MAX];
+pub fn write(
+    path: &Path,
+    config: &CheckedConfig,
+    key: Option<&Key>,
+    overwrite: bool,
+) -> Result<usize, PageFileError> {
+    let mut bytes = vec![0; PAGE_MAX];
     let length = page::encode(config, &mut bytes).map_err(PageFileError::Page)?;
+    bytes.extend(key.map(key_record).iter().flatten());
     durable::write_private(path, &bytes, overwrite).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => PageFileError::Exists,
         _ => PageFileError::Write(error),

@@ -62,12 +62,22 @@ pub enum Reaction {
 /// The flash failed.
 struct Failed;
 
+/// Contents of the spare part before.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Before {
+    /// Another image.
+    Other,
+    /// A part of this image: a block that is not erased is one of its own. One that was torn by a loss of power is
+    /// found by the checksum of its page.
+    Begun,
+}
+
 /// Work that takes some time.
 #[derive(Clone, Copy)]
 enum Work {
     None,
-    /// Finds what is there of the next page, and erases the rest.
-    Prepare(usize),
+    /// Finds what is there of the next page, and erases it if it is of another image.
+    Prepare(usize, Before),
     /// Adds the next page to the hash.
     Check(usize),
 }
@@ -181,7 +191,7 @@ impl<F: NorFlash> Receiver<F> {
             State::Revert if is_newer => Phase::Reverted,
             _ if is_installed => Phase::Installed,
             _ if is_newer => {
-                self.work = Work::Prepare(0);
+                self.work = Work::Prepare(0, Before::Begun);
                 Phase::Preparing
             }
             _ => {
@@ -378,7 +388,7 @@ impl<F: NorFlash> Receiver<F> {
             .await
             .map_err(|_| Failed)?;
         self.phase = Phase::Preparing;
-        self.work = Work::Prepare(0);
+        self.work = Work::Prepare(0, Before::Other);
         Ok(())
     }
 
@@ -401,6 +411,19 @@ impl<F: NorFlash> Receiver<F> {
             digest.update(&bytes);
         }
         Ok(digest.finalize() == wanted)
+    }
+
+    /// Finds the blocks of a page that are there: all of a right one, and those that are not erased of another one.
+    async fn find(&mut self, page: usize, is_right: bool) -> Result<(), Failed> {
+        for block in self.of_page(page) {
+            let mut bytes = [0; BLOCK];
+            let at = (block - self.header_blocks()) * BLOCK;
+            let read = (self.flash).read(self.layout.spare.start + at as u32, &mut bytes);
+            read.await.map_err(|_| Failed)?;
+            let is_there = is_right || bytes.iter().any(|byte| *byte != 0xFF);
+            self.blocks.set(block, is_there);
+        }
+        Ok(())
     }
 
     async fn erase(&mut self, page: usize) -> Result<(), Failed> {
@@ -450,17 +473,18 @@ impl<F: NorFlash> Receiver<F> {
         self.work = Work::None;
         match work {
             Work::None => {}
-            Work::Prepare(page) if page < pages => {
-                if self.is_right(page).await? {
-                    for block in self.of_page(page) {
-                        self.blocks.set(block, true);
-                    }
-                } else {
+            Work::Prepare(page, before) if page < pages => {
+                let is_right = self.is_right(page).await?;
+                if is_right || before == Before::Begun {
+                    self.find(page, is_right).await?;
+                }
+                let is_full = self.of_page(page).all(|block| self.blocks.has(block));
+                if !is_right && (is_full || before == Before::Other) {
                     self.erase(page).await?;
                 }
-                self.work = Work::Prepare(page + 1);
+                self.work = Work::Prepare(page + 1, before);
             }
-            Work::Prepare(_) => {
+            Work::Prepare(..) => {
                 self.phase = Phase::Receiving;
                 self.finish();
             }
@@ -495,7 +519,7 @@ impl<F: NorFlash> Receiver<F> {
         if self.phase == Phase::Reverted {
             // The boot loader has put the new image back into the spare part: it is checked, and then tried again.
             self.phase = Phase::Preparing;
-            self.work = Work::Prepare(0);
+            self.work = Work::Prepare(0, Before::Begun);
         }
         if self.phase != Phase::Complete {
             return Ok(Reaction::Nothing);

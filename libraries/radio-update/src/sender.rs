@@ -27,9 +27,10 @@ use crate::{
 const WINDOW: usize = 2;
 /// Time that each node gets for its answer to a question to all.
 const SLOT: Duration = Duration::from_millis(12);
-/// Time after which a packet that was not told to be sent counts as lost, with all that is known: to a node that is not
-/// there it takes a network about a minute.
-const LINE: Duration = Duration::from_secs(90);
+/// Time after which a packet to all that was not told to be sent counts as lost, and nodes are asked anew.
+const LINE: Duration = Duration::from_secs(5);
+/// The same of a packet to one node: if that is not there it takes a network about a minute.
+const LINE_TO_ONE: Duration = Duration::from_secs(90);
 /// Time for an answer.
 const ANSWER: Duration = Duration::from_millis(1500);
 /// Attempts to ask a node that does not answer.
@@ -62,7 +63,7 @@ pub struct Transmit {
 }
 
 /// State of a node.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct Node {
     /// State of its update as it told it last; `None`: it did not answer.
     pub phase: Option<Phase>,
@@ -79,6 +80,16 @@ pub struct Node {
     asked: Option<Duration>,
     /// Number of these requests after which it went back.
     tries: u8,
+}
+
+impl core::fmt::Debug for Node {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Node")
+            .field("phase", &self.phase)
+            .field("version", &self.version)
+            .field("missing", &self.missing.len())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Node {
@@ -142,8 +153,8 @@ pub struct Sender {
     stage: Stage,
     queue: VecDeque<Transmit>,
     outstanding: usize,
-    /// Time when a packet was last handed over or told to be sent.
-    moved: Duration,
+    /// Time after which those on their way count as lost.
+    lost: Duration,
     /// Time to be waited for when all is sent.
     pause: Duration,
     wait: Duration,
@@ -166,7 +177,7 @@ impl Sender {
             stage: Stage::Spread,
             queue: VecDeque::new(),
             outstanding: 0,
-            moved: Duration::ZERO,
+            lost: Duration::ZERO,
             pause: Duration::ZERO,
             wait: Duration::ZERO,
             is_survey_due: true,
@@ -213,14 +224,14 @@ impl Sender {
     pub fn deadline(&self) -> Option<Duration> {
         let deadline = match self.outstanding {
             0 => self.wait,
-            _ => self.moved + LINE,
+            _ => self.lost,
         };
         (!self.is_done()).then_some(deadline)
     }
 
     /// The next packet to be sent now.
     pub fn poll(&mut self, now: Duration) -> Option<Transmit> {
-        if self.outstanding > 0 && now >= self.moved + LINE {
+        if self.outstanding > 0 && now >= self.lost {
             self.outstanding = 0;
             self.queue.clear();
             self.is_survey_due = true;
@@ -231,7 +242,11 @@ impl Sender {
             }
             if let Some(next) = self.queue.pop_front() {
                 self.outstanding += 1;
-                self.moved = now;
+                let patience = match next.to {
+                    Some(_) => LINE_TO_ONE,
+                    None => LINE,
+                };
+                self.lost = self.lost.max(now + patience);
                 self.sent.bytes += next.packet.len();
                 if matches!(next.packet.first(), Some(2 | 3)) {
                     self.sent.blocks += 1;
@@ -255,8 +270,10 @@ impl Sender {
 
     /// A packet was sent, or could not be.
     pub fn on_sent(&mut self, now: Duration) {
-        self.moved = now;
         self.outstanding = self.outstanding.saturating_sub(1);
+        if self.outstanding == 0 {
+            self.lost = now;
+        }
     }
 
     /// A node sent a packet.

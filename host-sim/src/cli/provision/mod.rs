@@ -11,6 +11,7 @@ use std::{
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use node_firmware::config::{CheckedConfig, RoleConfig, SiteKey};
+use radio_update::package::{Key, public_key};
 use site::{
     NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file,
     node::{self, RoleName},
@@ -32,6 +33,9 @@ pub(super) struct Arguments {
     /// The site's key, of `host-sim keygen`; without it, the `key_file` of the site.
     #[arg(long, value_name = "FILE")]
     site_key: Option<PathBuf>,
+    /// The key of `host-sim keygen --updates`: nodes take images that are signed with it, by radio.
+    #[arg(long, value_name = "FILE")]
+    update_key: Option<PathBuf>,
     /// A node's parameters; options stand over them.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
@@ -120,6 +124,7 @@ impl Arguments {
         Files::default()
             .reads([key])
             .reads(read.into_iter().flatten())
+            .reads(&self.update_key)
             .writes(pages.iter().map(|(_, page)| page))
             .check()?;
         for (_, page) in pages {
@@ -129,19 +134,26 @@ impl Arguments {
                 file_name(page)
             );
         }
+        let update_key = match &self.update_key {
+            Some(path) => {
+                let secret = key_file::read_update_key(path).with_context(|| file_name(path))?;
+                Some(public_key(&secret))
+            }
+            None => None,
+        };
         // Warnings come first: they would be lost among the pages.
         for (config, _) in pages {
             self.warn(config);
         }
         pages
             .iter()
-            .try_for_each(|(config, page)| self.write(config, page))
+            .try_for_each(|(config, page)| self.write(config, update_key.as_ref(), page))
     }
 
-    fn write(&self, config: &CheckedConfig, path: &Path) -> Result<()> {
+    fn write(&self, config: &CheckedConfig, key: Option<&Key>, path: &Path) -> Result<()> {
         let name = file_name(path);
         let length =
-            page_file::write(path, config, self.overwrite).with_context(|| name.clone())?;
+            page_file::write(path, config, key, self.overwrite).with_context(|| name.clone())?;
         let (role, id) = (
             RoleName::from(&config.settings().role),
             config.settings().id,

@@ -273,9 +273,18 @@ fn update_with_cuts(version: u32, random: &mut impl RngExt) -> usize {
     let (mut cuts, mut next) = (0, 25 * S);
     // The node whose power goes, and when.
     let mut falls: Option<(usize, u64)> = None;
+    // The node that has no power, and when it comes again.
+    let mut rises: Option<(usize, u64, Node)> = None;
     while network.reached() < 7200 * S && !pc.is_done() {
         let mut until = network.reached() + S;
-        if let Some((number, at)) = falls {
+        if let Some((number, at, again)) = rises.take() {
+            until = until.min(at);
+            if network.reached() >= at {
+                network.switch_on(number, again, 0);
+            } else {
+                rises = Some((number, at, again));
+            }
+        } else if let Some((number, at)) = falls {
             until = until.min(at);
             if network.reached() >= at {
                 let outcome = network.switch_off(number).unwrap().unwrap();
@@ -285,7 +294,8 @@ fn update_with_cuts(version: u32, random: &mut impl RngExt) -> usize {
                     flash: outcome.flash,
                     ..node(number)
                 };
-                network.switch_on(number, again, at + 50 * MS);
+                rises = Some((number, at + 50 * MS, again));
+                until = at + 50 * MS;
                 cuts += 1;
                 falls = None;
                 next = at + random.random_range(0..20 * S);
