@@ -83,3 +83,31 @@ pub fn write(
     })?;
     Ok(length)
 }
+
+#[cfg(test)]
+mod tests {
+    use node_firmware::config::{Config, CoordinatorConfig, RoleConfig, SiteKey};
+
+    use super::*;
+
+    #[test]
+    fn a_key_for_updates_stands_behind_the_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("node.page.bin");
+        let role = RoleConfig::Coordinator(CoordinatorConfig::default());
+        let config = Config::new(7, SiteKey::new(1, *b"0123456789abcdef"), role);
+        let config = config.check().unwrap();
+        write(&path, &config, Some(&[5; 32]), false).unwrap();
+        assert_eq!(read(&path).unwrap().settings(), config.settings());
+        let bytes = std::fs::read(&path).unwrap();
+        let record = bytes[PAGE_MAX..].as_array().unwrap();
+        assert_eq!(read_key(record), Some([5; 32]));
+        // What is changed or cut off is no key, so the file is too long for a page.
+        let mut spoilt = bytes.clone();
+        spoilt[PAGE_MAX + 9] ^= 1;
+        for wrong in [&spoilt[..], &bytes[..bytes.len() - 1]] {
+            std::fs::write(&path, wrong).unwrap();
+            assert!(matches!(read(&path), Err(PageFileError::Length(_))));
+        }
+    }
+}

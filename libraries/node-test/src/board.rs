@@ -13,7 +13,9 @@ use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
     config::Config,
     facts,
-    hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
+    hardware::{
+        FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor, Updates,
+    },
     liveness::Liveness,
     message::{Message, Restart, Sight},
     run::{Devices, run},
@@ -126,6 +128,8 @@ pub struct Board {
     pub lamps: Lamps,
     /// Messages that it has sent.
     pub sent: Sent,
+    /// Parts of its flash for updates by radio; none by default.
+    pub updates: Option<Updates>,
 }
 
 impl Hardware for Board {
@@ -152,6 +156,7 @@ impl Board {
             steps: Steps(Rc::new(Channel::new())),
             lamps: Lamps::default(),
             sent: Sent::default(),
+            updates: None,
         }
     }
 
@@ -208,7 +213,7 @@ impl Board {
             buttons: (),
             observer: self.sent.clone(),
             seed,
-            update: None,
+            update: self.updates.clone(),
         };
         let config = self.config.clone().check();
         let config = config.unwrap_or_else(|error| panic!("node {}: {error}", self.config.id));

@@ -1017,3 +1017,49 @@ proptest! {
         prop_assert_eq!(heard, [FromPc::Refresh]);
     }
 }
+
+/// Packets of updates, which every later version must hand on.
+#[cfg(feature = "update")]
+#[test]
+fn updates_are_these_bytes() {
+    use node_firmware::message::UpdatePacket;
+
+    let packet = UpdatePacket::new(&[1, 2, 3]).unwrap();
+    assert_eq!(
+        hex(&postcard::to_allocvec_like(&Message::Update(packet))),
+        "1203010203"
+    );
+    let wish = FromPc::Update { to: 0xFFFF, packet };
+    assert_eq!(hex(&postcard::to_allocvec_like(&wish)), "08ffff0303010203");
+    assert_eq!(tell(ToPc::Update { address: 3, packet }), "0d0303010203");
+    assert_eq!(tell(ToPc::UpdateSent), "0e");
+    // The longest fits the air and the line.
+    let longest = UpdatePacket::new(&[0xA5; 92]).unwrap();
+    assert_eq!(UpdatePacket::new(&[0xA5; 93]), None);
+    let message = Message::Update(longest);
+    let bytes = postcard::to_allocvec_like(&message);
+    assert!(bytes.len() <= MESSAGE_MAX, "{}", bytes.len());
+    assert_eq!(postcard::from_bytes::<Message>(&bytes), Ok(message));
+    let mut buffer = [0; FRAME_MAX];
+    let (to, address) = (u16::MAX, u16::MAX);
+    assert!(
+        encode(
+            &FromPc::Update {
+                to,
+                packet: longest
+            },
+            &mut buffer
+        )
+        .is_some()
+    );
+    assert!(
+        encode(
+            &ToPc::Update {
+                address,
+                packet: longest
+            },
+            &mut buffer
+        )
+        .is_some()
+    );
+}

@@ -45,6 +45,7 @@ targets! {
     node_roles
     pixy_session
     pixy_stream
+    radio_update
     site_file
 }
 

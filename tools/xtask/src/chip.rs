@@ -128,6 +128,13 @@ pub(crate) fn bench(sh: &Shell) -> Result<()> {
         .env("NODE_SECONDS", seconds)
         .run()?;
     }
+    let _updated = updated(sh)?;
+    cmd!(
+        sh,
+        "cargo test --locked --release --package nrf52840-emulator --test it -- --ignored --nocapture updates_survive_losses_of_power"
+    )
+    .env("NODE_CUTS", "1000")
+    .run()?;
     // The first of a hundred at a time may be told with `NODE_SEED`.
     cmd!(
         sh,

@@ -7,4 +7,6 @@ mod former_networks;
 mod mesh;
 mod provisioned_again;
 use crate::support;
+#[cfg(feature = "update")]
+mod updated;
 mod worn_flash;
