@@ -5,11 +5,11 @@
 //!
 //! | kind | then |
 //! |---|---|
-//! | 1, offer | package (4), bytes of its header (2), first block to be listed (2), time to spread answers over, ms (2) |
+//! | 1, offer | package (4), bytes of its header (2), first block to be listed (2; 0xFFFF: no answer), time to spread answers over, ms (2) |
 //! | 2, block | package (4), number of the block (2), its bytes |
 //! | 3, mix | package (4), count (1), numbers of blocks (2 each), the exclusive or of their bytes |
 //! | 4, install | package (4) |
-//! | 5, status | package (4), version that runs (4), phase (1), missing blocks (2), ranges of them: start (2), length (2) each |
+//! | 5, status | package (4), version that runs (4), phase (1), missing blocks (2), [ranges](Ranges) of them |
 
 use crate::BLOCK;
 
@@ -19,8 +19,99 @@ pub const PACKET_MAX: usize = 92;
 /// Most blocks in one mix.
 pub const MIX_MAX: usize = (PACKET_MAX - 6 - BLOCK) / 2;
 
-/// Most ranges in one status.
-pub const RANGES_MAX: usize = (PACKET_MAX - 12) / 4;
+/// Bytes for ranges in one status.
+pub const RANGES_MAX: usize = PACKET_MAX - 12;
+
+/// Ranges of missing blocks, in order: of each the number of blocks since the end of the one before, and its length.
+/// Numbers have seven bits in a byte, the lowest first, and the highest bit where more follow.
+#[derive(Clone, Copy, Debug)]
+pub struct Ranges<'a> {
+    bytes: &'a [u8],
+    end: u16,
+}
+
+impl<'a> Ranges<'a> {
+    /// The ranges in these bytes.
+    pub const fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, end: 0 }
+    }
+
+    fn number(&mut self) -> Option<u16> {
+        let mut number = 0_u32;
+        for shift in [0, 7, 14] {
+            let (&byte, rest) = self.bytes.split_first()?;
+            self.bytes = rest;
+            number |= u32::from(byte & 0x7F) << shift;
+            if byte & 0x80 == 0 {
+                return u16::try_from(number).ok();
+            }
+        }
+        None
+    }
+}
+
+impl Iterator for Ranges<'_> {
+    /// The first block of a range, and the one behind it.
+    type Item = (u16, u16);
+
+    fn next(&mut self) -> Option<(u16, u16)> {
+        let start = self.end.checked_add(self.number()?)?;
+        self.end = start.checked_add(self.number()?)?;
+        Some((start, self.end))
+    }
+}
+
+/// Writes ranges into a status.
+#[derive(Clone, Debug)]
+pub(crate) struct RangeWriter {
+    bytes: [u8; RANGES_MAX],
+    length: usize,
+    end: usize,
+}
+
+impl RangeWriter {
+    pub(crate) const fn new() -> Self {
+        Self {
+            bytes: [0; RANGES_MAX],
+            length: 0,
+            end: 0,
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> &[u8] {
+        self.bytes.get(..self.length).unwrap_or_default()
+    }
+
+    /// Adds a range. Returns false if there is no room.
+    pub(crate) fn push(&mut self, start: usize, count: usize) -> bool {
+        let before = self.length;
+        let is_written = self.number(start - self.end.min(start)) && self.number(count);
+        if is_written {
+            self.end = start + count;
+        } else {
+            self.length = before;
+        }
+        is_written
+    }
+
+    fn number(&mut self, mut number: usize) -> bool {
+        loop {
+            let more = if number > 0x7F { 0x80 } else { 0 };
+            let Some(place) = self.bytes.get_mut(self.length) else {
+                return false;
+            };
+            *place = (number & 0x7F) as u8 | more;
+            self.length += 1;
+            number >>= 7;
+            if more == 0 {
+                return true;
+            }
+        }
+    }
+}
+
+/// No answer to an offer is wanted.
+pub const NO_ANSWER: u16 = u16::MAX;
 
 /// A message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +123,7 @@ pub enum Packet<'a> {
         package: u32,
         /// Bytes of its header.
         header: u16,
-        /// The first block to be listed in the answer.
+        /// The first block to be listed in the answer; [`NO_ANSWER`]: none is wanted.
         from: u16,
         /// Each node waits up to this time before it answers, milliseconds.
         spread_ms: u16,
@@ -70,7 +161,7 @@ pub enum Packet<'a> {
         phase: Phase,
         /// Number of the blocks that it misses.
         missing: u16,
-        /// Ranges of them, four bytes each.
+        /// [`Ranges`] of them.
         ranges: &'a [u8],
     },
 }
@@ -316,12 +407,14 @@ impl Writer<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::vec::Vec;
+
     use super::*;
 
     #[test]
     fn packets_are_read_as_they_were_written() {
         let bytes = [0xA5; BLOCK];
-        let (numbers, ranges) = ([7; 2 * MIX_MAX], [9; 4 * RANGES_MAX]);
+        let (numbers, ranges) = ([7; 2 * MIX_MAX], [9; RANGES_MAX]);
         for packet in [
             Packet::Offer {
                 package: 0x0102_0304,
@@ -361,6 +454,34 @@ mod tests {
         }
     }
 
+    #[test]
+    fn ranges_are_read_as_they_were_written() {
+        let mut writer = RangeWriter::new();
+        let ranges = [(0, 1), (1, 2), (130, 1), (6000, 152)];
+        assert!(
+            ranges
+                .iter()
+                .all(|&(start, count)| writer.push(start, count))
+        );
+        let read: Vec<_> = Ranges::new(writer.bytes()).collect();
+        assert_eq!(read, [(0, 1), (1, 3), (130, 131), (6000, 6152)]);
+        // One block in eighty: forty of them fit.
+        let mut writer = RangeWriter::new();
+        let pushed = (1..100)
+            .take_while(|number| writer.push(80 * number, 1))
+            .count();
+        assert_eq!(pushed, RANGES_MAX / 2);
+        assert_eq!(Ranges::new(writer.bytes()).count(), pushed);
+        for wrong in [
+            &[0x80][..],
+            &[5],
+            &[0xFF, 0xFF, 0xFF, 1],
+            &[0xFF, 0xFF, 3, 1],
+        ] {
+            assert_eq!(Ranges::new(wrong).next(), None, "{wrong:?}");
+        }
+    }
+
     /// The bytes are the format: they do not change.
     #[test]
     fn golden_bytes() {
@@ -378,12 +499,9 @@ mod tests {
             version: 0x0807_0605,
             phase: Phase::Complete,
             missing: 1,
-            ranges: &[2, 0, 1, 0],
+            ranges: &[2, 1],
         };
         let length = status.write(&mut buffer);
-        assert_eq!(
-            buffer[..length],
-            [5, 1, 2, 3, 4, 5, 6, 7, 8, 5, 1, 0, 2, 0, 1, 0]
-        );
+        assert_eq!(buffer[..length], [5, 1, 2, 3, 4, 5, 6, 7, 8, 5, 1, 0, 2, 1]);
     }
 }

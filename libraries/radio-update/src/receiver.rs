@@ -17,7 +17,7 @@ use crate::{
     BLOCK, CRC, PAGE,
     blocks::Blocks,
     package::{HEADER_BLOCKS, Header, Key},
-    packet::{PACKET_MAX, Packet, Phase, RANGES_MAX},
+    packet::{NO_ANSWER, PACKET_MAX, Packet, Phase, RangeWriter},
     stamp::Stamp,
 };
 
@@ -261,7 +261,10 @@ impl<F: NorFlash> Receiver<F> {
                 spread_ms,
             }) => {
                 self.on_offer(package, header.into());
-                Ok(Reaction::Answer { from, spread_ms })
+                Ok(match from {
+                    NO_ANSWER => Reaction::Nothing,
+                    _ => Reaction::Answer { from, spread_ms },
+                })
             }
             Some(Packet::Block {
                 package,
@@ -550,23 +553,19 @@ impl<F: NorFlash> Receiver<F> {
         } else {
             0
         };
-        let mut ranges = [0; 4 * RANGES_MAX];
-        let (mut at, mut length) = (usize::from(from), 0);
-        for place in ranges.as_chunks_mut::<4>().0 {
-            let Some((start, count)) = self.blocks.gap(at, count).filter(|_| is_asked) else {
-                break;
-            };
-            let ([s0, s1], [c0, c1]) = ((start as u16).to_le_bytes(), (count as u16).to_le_bytes());
-            *place = [s0, s1, c0, c1];
+        let mut ranges = RangeWriter::new();
+        let mut at = usize::from(from);
+        while let Some((start, count)) = self.blocks.gap(at, count).filter(|_| is_asked)
+            && ranges.push(start, count)
+        {
             at = start + count;
-            length += 4;
         }
         let status = Packet::Status {
             package: self.package,
             version: self.own.stamp.version,
             phase: self.phase,
             missing: missing as u16,
-            ranges: ranges.get(..length).unwrap_or_default(),
+            ranges: ranges.bytes(),
         };
         status.write(buffer)
     }

@@ -18,16 +18,16 @@ use std::{
 use core::time::Duration;
 
 use crate::{
-    BLOCK,
+    BLOCK, PAGE,
     package::Package,
-    packet::{MIX_MAX, PACKET_MAX, Packet, Phase},
+    packet::{MIX_MAX, NO_ANSWER, PACKET_MAX, Packet, Phase, Ranges},
 };
 
 /// Packets that wait to be sent at a time.
 const WINDOW: usize = 2;
 /// Time that each node gets for its answer to a question to all.
 const SLOT: Duration = Duration::from_millis(12);
-/// Time after which a packet to all that was not told to be sent counts as lost, and nodes are asked anew.
+/// Time after which a packet to all that was not told to be sent counts as lost.
 const LINE: Duration = Duration::from_secs(5);
 /// The same of a packet to one node: if that is not there it takes a network about a minute.
 const LINE_TO_ONE: Duration = Duration::from_secs(90);
@@ -35,6 +35,11 @@ const LINE_TO_ONE: Duration = Duration::from_secs(90);
 const ANSWER: Duration = Duration::from_millis(1500);
 /// Attempts to ask a node that does not answer.
 const ATTEMPTS: u8 = 3;
+/// Time for a page to be erased, and for all pages to be hashed.
+const ERASE: Duration = Duration::from_millis(90);
+const HASH: Duration = Duration::from_millis(1500);
+/// Packets that take less time than that.
+const FEW: usize = 100;
 /// Time after which nodes that erase, check or restart are asked again.
 const PATIENCE: Duration = Duration::from_secs(2);
 const RESTART: Duration = Duration::from_secs(10);
@@ -136,6 +141,7 @@ pub struct Sent {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
+    Begin,
     Spread,
     Install,
     Last,
@@ -174,7 +180,7 @@ impl Sender {
             name,
             nodes: nodes.into_iter().map(|node| (node, Node::NEW)).collect(),
             gate,
-            stage: Stage::Spread,
+            stage: Stage::Begin,
             queue: VecDeque::new(),
             outstanding: 0,
             lost: Duration::ZERO,
@@ -232,9 +238,8 @@ impl Sender {
     /// The next packet to be sent now.
     pub fn poll(&mut self, now: Duration) -> Option<Transmit> {
         if self.outstanding > 0 && now >= self.lost {
+            // What was on its way is missing at nodes, which list it.
             self.outstanding = 0;
-            self.queue.clear();
-            self.is_survey_due = true;
         }
         loop {
             if self.is_done() || self.outstanding >= WINDOW {
@@ -296,10 +301,7 @@ impl Sender {
         node.attempts = 0;
         let is_of_this = package == self.name;
         if is_of_this && matches!(phase, Phase::Header | Phase::Receiving) {
-            for range in ranges.as_chunks::<4>().0 {
-                let &[s0, s1, c0, c1] = range;
-                let (start, count) = (u16::from_le_bytes([s0, s1]), u16::from_le_bytes([c0, c1]));
-                let end = start.saturating_add(count);
+            for (start, end) in Ranges::new(ranges) {
                 node.missing.extend(start..end);
                 node.listed = node.listed.max(end);
             }
@@ -339,6 +341,18 @@ impl Sender {
         self.push(to, offer);
     }
 
+    /// Sends the header twice, before any node is asked, and lets nodes erase their pages.
+    fn begin(&mut self) {
+        self.stage = Stage::Spread;
+        let (header, _) = self.package.blocks();
+        for _ in 0..2 {
+            self.offer(None, NO_ANSWER, Duration::ZERO);
+            (0..header as u16).for_each(|block| self.push_blocks(&[block]));
+        }
+        let pages = self.package.image().len().div_ceil(PAGE) as u32;
+        self.pause = ERASE * pages + ANSWER;
+    }
+
     /// Asks all.
     fn survey(&mut self) {
         self.is_survey_due = false;
@@ -374,6 +388,7 @@ impl Sender {
 
     fn think(&mut self, now: Duration) {
         match self.stage {
+            Stage::Begin => self.begin(),
             Stage::Spread => self.spread(),
             Stage::Install => self.install(now),
             Stage::Last => self.install_last(now),
@@ -396,10 +411,14 @@ impl Sender {
         let missing = self.plan();
         if !missing.is_empty() {
             self.is_survey_due = true;
+            // The last blocks are followed by the check of the hash.
+            self.pause = match missing.len() {
+                ..FEW => HASH,
+                _ => ANSWER / 4,
+            };
             for blocks in missing {
                 self.push_blocks(&blocks);
             }
-            self.pause = ANSWER / 4;
         } else if self.is_any(&UNDER_WAY) || self.is_any(&[Phase::Trial]) {
             self.is_survey_due = true;
             self.pause = PATIENCE;

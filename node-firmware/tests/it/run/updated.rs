@@ -77,7 +77,7 @@ fn update(cameras: usize, length: usize, loss: f64) -> (f64, f64) {
     let everywhere = Propagation::UnitDisk { range: 1e6, loss };
     let mut bench = Bench::in_air(everywhere, 1);
     let mut config = CoordinatorConfig::default();
-    config.join_window_s = 3600;
+    config.join_window_s = 600;
     let mut boards = vec![bench.coordinator(config)];
     for _ in 0..cameras {
         boards.push(bench.node(RoleConfig::Camera(camera_config(None))));
@@ -180,10 +180,16 @@ fn all_nodes_of_a_network_take_an_image() {
     }
 }
 
-/// A hundred nodes, and an image of 100 KB.
+/// Forty nodes and a short image; in the long form (`XTASK_ALL`) a hundred, and one as long as that of all roles.
 #[test]
-fn a_hundred_nodes_take_an_image_in_little_more_than_its_airtime() {
-    let (share, seconds) = update(100, 100_000, 0.01);
-    println!("100 cameras: {share:.2} of the image's airtime, {seconds:.0} s");
+fn many_nodes_take_an_image_in_little_more_than_its_airtime() {
+    let is_long = std::env::var_os("XTASK_ALL").is_some();
+    let (cameras, length) = if is_long {
+        (100, 331_000)
+    } else {
+        (40, 120_000)
+    };
+    let (share, seconds) = update(cameras, length, 0.01);
+    println!("{cameras} cameras: {share:.2} of the image's airtime, {seconds:.0} s");
     assert!(share <= 1.3, "{share}");
 }

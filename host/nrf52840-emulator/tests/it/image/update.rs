@@ -298,7 +298,7 @@ fn update_with_cuts(version: u32, random: &mut impl RngExt) -> usize {
                 until = at + 50 * MS;
                 cuts += 1;
                 falls = None;
-                next = at + random.random_range(0..20 * S);
+                next = at + random.random_range(0..60 * S);
             }
         } else if network.reached() >= next {
             let number = usize::from(random.random_bool(0.7));
