@@ -76,7 +76,7 @@ pub struct Node {
     pub version: Option<u32>,
     /// Blocks that it misses, as far as it listed them.
     pub missing: BTreeSet<u16>,
-    /// What it told is of now: all that it misses is listed.
+    /// True if all that it misses now is listed.
     is_fresh: bool,
     /// The first block that it did not list yet.
     listed: u16,

@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Members of the workspace that have no test of their own, besides the boards.
-const WITHOUT_TESTS: [&str; 3] = ["bench-size", "memory-functions", "nrf52"];
+const WITHOUT_TESTS: [&str; 4] = ["bench-size", "loader", "memory-functions", "nrf52"];
 
 /// Settings of every build of tests, always the same, so that nothing is built twice. Clippy compiles the workspace,
 /// which saves a second pass over it, and refuses what it warns of. Data to build parts of a crate again, many
