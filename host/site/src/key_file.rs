@@ -30,12 +30,38 @@ const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 /// More than the longest line.
 const LENGTH_MAX: u64 = 128;
 
+/// Kind of a key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Of the radio network.
+    Site,
+    /// For images.
+    Update,
+}
+
+impl Kind {
+    /// The command that makes one.
+    const fn command(self) -> &'static str {
+        match self {
+            Self::Site => "host-sim keygen",
+            Self::Update => "host-sim keygen --updates",
+        }
+    }
+
+    const fn words(self) -> &'static str {
+        match self {
+            Self::Site => "site key",
+            Self::Update => "key for updates",
+        }
+    }
+}
+
 /// Why a file gives no key, or why there is no new one. No message has the file's name.
 #[derive(Debug, Error)]
 pub enum KeyFileError {
     /// The operating system's answer.
-    #[error("it cannot be read; `host-sim keygen` makes keys of a new site")]
-    Read(#[source] io::Error),
+    #[error("it cannot be read; `{} FILE` makes the key of a new site", .0.command())]
+    Read(Kind, #[source] io::Error),
     /// It is not only its owner's.
     #[error(
         "others may read it, so it is not a secret: type `chmod 600` and its name if no one did, or \
@@ -44,10 +70,12 @@ pub enum KeyFileError {
     Public,
     /// It is something else, or was changed.
     #[error(
-        "it holds no key of its kind ({0}): take the copy that was kept, or make another key with \
-         `host-sim keygen`"
+        "it holds no {} ({}): take the copy that was kept, or make another key with `{}`",
+        .0.words(),
+        .1,
+        .0.command()
     )]
-    NoKey(&'static str),
+    NoKey(Kind, &'static str),
     /// Such as sixteen zeros.
     #[error("this key was not drawn at random: make another one with `host-sim keygen`")]
     NotRandom,
@@ -67,7 +95,8 @@ pub enum KeyFileError {
 /// # Errors
 /// [`KeyFileError`]
 pub fn read(path: &Path) -> Result<SiteKey, KeyFileError> {
-    let key = parse(&contents(path)?).map_err(KeyFileError::NoKey)?;
+    let contents = contents(path, Kind::Site)?;
+    let key = parse(&contents).map_err(|why| KeyFileError::NoKey(Kind::Site, why))?;
     key.key().map(|_| key).ok_or(KeyFileError::NotRandom)
 }
 
@@ -76,14 +105,16 @@ pub fn read(path: &Path) -> Result<SiteKey, KeyFileError> {
 /// # Errors
 /// [`KeyFileError`]
 pub fn read_update_key(path: &Path) -> Result<[u8; 32], KeyFileError> {
-    parse_update_key(&contents(path)?).map_err(KeyFileError::NoKey)
+    let contents = contents(path, Kind::Update)?;
+    parse_update_key(&contents).map_err(|why| KeyFileError::NoKey(Kind::Update, why))
 }
 
 /// The contents of a file that only its owner may read.
-fn contents(path: &Path) -> Result<Vec<u8>, KeyFileError> {
-    let known = fs::metadata(path).map_err(KeyFileError::Read)?;
+fn contents(path: &Path, kind: Kind) -> Result<Vec<u8>, KeyFileError> {
+    let unreadable = |error| KeyFileError::Read(kind, error);
+    let known = fs::metadata(path).map_err(unreadable)?;
     if !known.is_file() || known.len() > LENGTH_MAX {
-        return Err(KeyFileError::NoKey("it is no file of one line"));
+        return Err(KeyFileError::NoKey(kind, "it is no file of one line"));
     }
     #[cfg(unix)]
     {
@@ -92,7 +123,7 @@ fn contents(path: &Path) -> Result<Vec<u8>, KeyFileError> {
             return Err(KeyFileError::Public);
         }
     }
-    fs::read(path).map_err(KeyFileError::Read)
+    fs::read(path).map_err(unreadable)
 }
 
 /// Draws a new key with this index, 1 to 255, and writes it into a file that does not exist yet.
@@ -225,7 +256,7 @@ mod tests {
             Err(KeyFileError::Exists)
         ));
         // One kind is not taken for the other.
-        assert!(matches!(read(&path), Err(KeyFileError::NoKey(_))));
+        assert!(matches!(read(&path), Err(KeyFileError::NoKey(..))));
         assert!(parse_update_key(GOLDEN.as_bytes()).is_err());
         for place in 0..text.len() {
             let mut other = text.clone().into_bytes();

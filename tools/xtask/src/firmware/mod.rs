@@ -206,7 +206,9 @@ pub(crate) fn build_updated(
 
 /// Builds the boot loader, and returns its path.
 pub(crate) fn loader(sh: &Shell) -> Result<PathBuf> {
-    let path = compile(sh, "loader", "loader", &[])?;
+    // With the image, which is built before: so their libraries are built once.
+    let image = ["--package=nrf52840", "--features=nrf52840/update"].map(str::to_owned);
+    let path = compile(sh, "loader", "loader", &image)?;
     let bytes = flash_file::loader(&board_facts::NRF52840_DK, &fs::read(&path)?)?;
     fs::write(path.with_extension("bin"), bytes)?;
     Ok(path)

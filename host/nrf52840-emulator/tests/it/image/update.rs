@@ -80,6 +80,8 @@ struct Desk {
     /// Bytes, and when each is sent.
     line: VecDeque<(u64, u8)>,
     free: u64,
+    /// When the coordinator was switched on: it counts time from there.
+    on: u64,
 }
 
 impl Desk {
@@ -120,7 +122,16 @@ impl Pc {
             sender: None,
             line: VecDeque::new(),
             free: 0,
+            on: 0,
         })))
+    }
+
+    /// The coordinator is switched on again: bytes on their way are lost.
+    fn switched_on(&self, at: u64) {
+        let mut desk = self.0.lock().unwrap();
+        desk.on = at;
+        desk.line.clear();
+        desk.frames = Frames::default();
     }
 
     fn is_done(&self) -> bool {
@@ -132,6 +143,7 @@ impl Pc {
 impl Peer for Pc {
     fn receive(&mut self, byte: u8, at: u64) {
         let mut desk = self.0.lock().unwrap();
+        let at = desk.on + at;
         let now = Duration::from_nanos(at);
         match desk.frames.push(byte) {
             Some(ToPc::Member { address, .. }) => {
@@ -154,6 +166,7 @@ impl Peer for Pc {
 
     fn transmit(&mut self, now: u64) -> Option<u8> {
         let mut desk = self.0.lock().unwrap();
+        let now = desk.on + now;
         desk.pump(now);
         let (at, byte) = *desk.line.front()?;
         (at <= now).then(|| {
@@ -169,7 +182,8 @@ impl Peer for Pc {
             None => (!desk.members.is_empty()).then_some(desk.begins),
             Some(sender) => sender.deadline().map(|time| time.as_nanos() as u64),
         };
-        byte.into_iter().chain(thinks).min()
+        let next = byte.into_iter().chain(thinks).min()?;
+        Some(next.saturating_sub(desk.on))
     }
 }
 
@@ -288,6 +302,9 @@ fn update_with_cuts(version: u32, random: &mut impl RngExt) -> usize {
         if let Some((number, at, again)) = rises.take() {
             until = until.min(at);
             if network.reached() >= at {
+                if number == 0 {
+                    pc.switched_on(network.reached());
+                }
                 network.switch_on(number, again, 0);
             } else {
                 rises = Some((number, at, again));
