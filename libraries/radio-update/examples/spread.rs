@@ -1,4 +1,4 @@
-//! A package for two nodes, one of which does not hear every third packet: `cargo run --example spread --features std`.
+//! A package for two nodes, one of which does not hear every third packet: `cargo run --example spread --features alloc`.
 
 use core::{convert::Infallible, time::Duration};
 

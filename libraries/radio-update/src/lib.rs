@@ -6,7 +6,7 @@
 //! | [`package`] | The signed header that goes before an image |
 //! | [`packet`] | Messages between the side that sends and a node |
 //! | [`receiver`] | A node: takes blocks, checks them, has its boot loader change images |
-//! | `sender` | The side that sends, with the feature `std`: what to send next so that all nodes have all blocks |
+//! | `sender` | The side that sends, with the feature `alloc`: what to send next so that all nodes have all blocks |
 //!
 //! # Trust
 //! A node takes an image only if the header before it is signed with the key that the node was given (Ed25519, RFC
@@ -25,14 +25,16 @@
     )
 )]
 
-#[cfg(any(test, feature = "std"))]
+#[cfg(any(test, feature = "alloc"))]
+extern crate alloc;
+#[cfg(test)]
 extern crate std;
 
 mod blocks;
 pub mod package;
 pub mod packet;
 pub mod receiver;
-#[cfg(any(test, feature = "std"))]
+#[cfg(any(test, feature = "alloc"))]
 pub mod sender;
 pub mod stamp;
 

@@ -144,9 +144,9 @@ impl<'a> Header<'a> {
     }
 }
 
-#[cfg(any(test, feature = "std"))]
+#[cfg(any(test, feature = "alloc"))]
 mod made {
-    use std::{format, string::String, vec::Vec};
+    use alloc::{format, string::String, vec::Vec};
 
     use salty::Keypair;
 
@@ -255,7 +255,7 @@ mod made {
         }
     }
 }
-#[cfg(any(test, feature = "std"))]
+#[cfg(any(test, feature = "alloc"))]
 pub use made::{Package, public_key};
 
 #[cfg(test)]

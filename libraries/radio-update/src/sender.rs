@@ -10,8 +10,9 @@
 //! When every node that answers has the image, they are told one after the other to change images; the node through
 //! which all goes is the last.
 
-use std::{
+use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
+    vec,
     vec::Vec,
 };
 
@@ -435,7 +436,7 @@ impl Sender {
         let mut done = Vec::new();
         let mut open: VecDeque<(Vec<u16>, Vec<u64>)> = VecDeque::new();
         for block in 0..all as u16 {
-            let mut of = std::vec![0_u64; words];
+            let mut of = vec![0_u64; words];
             for (number, _) in
                 { wants.iter().enumerate() }.filter(|(_, node)| node.missing.contains(&block))
             {
@@ -459,9 +460,9 @@ impl Sender {
                     *to |= from;
                 }
             } else if is_header {
-                done.push(std::vec![block]);
+                done.push(vec![block]);
             } else {
-                open.push_back((std::vec![block], of));
+                open.push_back((vec![block], of));
             }
             if open.len() > OPEN {
                 done.extend(open.pop_front().map(|(blocks, _)| blocks));

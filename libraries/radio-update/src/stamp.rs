@@ -80,7 +80,7 @@ impl Stamp {
     }
 
     /// The stamp in an image and its place there; `None`: it has none, or more than one.
-    #[cfg(any(test, feature = "std"))]
+    #[cfg(any(test, feature = "alloc"))]
     pub fn find(image: &[u8]) -> Option<(usize, Self)> {
         let mut found = image.windows(STAMP).enumerate().filter_map(|(at, bytes)| {
             let bytes = bytes.first_chunk()?;
@@ -93,7 +93,7 @@ impl Stamp {
     }
 
     /// Gives an image another version. Returns false if it has no stamp.
-    #[cfg(any(test, feature = "std"))]
+    #[cfg(any(test, feature = "alloc"))]
     pub fn set_version(image: &mut [u8], version: u32) -> bool {
         let Some((at, stamp)) = Self::find(image) else {
             return false;

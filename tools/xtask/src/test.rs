@@ -44,13 +44,14 @@ const LONG: &str = "XTASK_ALL";
 const UNITS: usize = 1_195;
 
 /// Libraries that run on a node.
-pub(crate) const FIRMWARE_CRATES: [&str; 8] = [
+pub(crate) const FIRMWARE_CRATES: [&str; 9] = [
     "calib-core",
     "cmucam2-driver",
     "flash-log",
     "node-firmware",
     "pedestrian",
     "pixy-driver",
+    "radio-update",
     "spinel-radio",
     "zigbee-link",
 ];
