@@ -113,6 +113,7 @@ targets! {
     node_roles: 200_000,
     pixy_session: 500_000,
     pixy_stream: 500_000,
+    radio_update: 200_000,
     site_file: 50_000,
 }
 
