@@ -13,7 +13,7 @@
 //! | 52 to 51 + 4 n | CRC-32 of each of its n pages; the last one is filled with 0xFF |
 //! | the last 64 | Ed25519 signature of all bytes before |
 //!
-//! Numbers are little-endian. The header and then the image are cut into blocks of [`BLOCK`](crate::BLOCK) bytes; the
+//! Numbers are little-endian. The header and then the image are cut into blocks of [`BLOCK`] bytes; the
 //! last block of each is filled with 0xFF. The CRC-32 of the header names the package.
 
 use salty::{PublicKey, Sha512, Signature};
