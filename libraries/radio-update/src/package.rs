@@ -177,11 +177,19 @@ mod made {
         /// Signs an image with a secret key, its seed.
         ///
         /// # Errors
-        /// The image has no stamp, or is empty or too long.
+        /// The image has no stamp, is too long, or is not as long as its stamp tells.
         pub fn sign(image: &[u8], secret: &[u8; 32]) -> Result<Self, String> {
             let (_, stamp) = Stamp::find(image).ok_or(
                 "the image does not say its board and version: make one by `cargo xtask firmware --update`",
             )?;
+            if let Some(length) = Stamp::length_of(image)
+                && length != image.len()
+            {
+                return Err(format!(
+                    "the image has {} bytes, and its stamp tells {length}: the file was cut off or changed, make it anew",
+                    image.len()
+                ));
+            }
             if image.len() > PAGES_MAX * PAGE {
                 return Err(format!(
                     "the image has {} bytes, and nodes take {}",
@@ -345,5 +353,10 @@ mod tests {
     fn what_is_no_image_is_refused() {
         assert!(Package::sign(&vec![0; 5000], &[1; 32]).is_err());
         assert!(Package::sign(&image(PAGES_MAX * PAGE + 1, 3), &[1; 32]).is_err());
+        // Cut off.
+        let mut whole = image(9000, 3);
+        assert!(Stamp::set_version(&mut whole, 4, 9000));
+        assert!(Package::sign(&whole, &[1; 32]).is_ok());
+        assert!(Package::sign(&whole[..8999], &[1; 32]).is_err());
     }
 }

@@ -5,7 +5,8 @@
 //! | 0 to 7 | `CNodImag` |
 //! | 8 to 11 | board: CRC-32 of its name, little-endian |
 //! | 12 to 15 | version, little-endian |
-//! | 16 to 19 | roles, a bit for each; then zeros |
+//! | 16 | roles, a bit for each |
+//! | 17 to 19 | bytes of the whole image, little-endian; 0: not told |
 //! | 20 to 23 | CRC-32 of the bytes before, little-endian |
 
 use crate::CRC;
@@ -92,18 +93,35 @@ impl Stamp {
         found.next().is_none().then_some(first)
     }
 
-    /// Gives an image another version. Returns false if it has no stamp.
+    /// Gives an image, or a file with an image in it, another version, and the number of bytes of the image. Returns
+    /// false if it has no stamp.
     #[cfg(any(test, feature = "alloc"))]
-    pub fn set_version(image: &mut [u8], version: u32) -> bool {
-        let Some((at, stamp)) = Self::find(image) else {
+    pub fn set_version(file: &mut [u8], version: u32, length: usize) -> bool {
+        let Some((at, stamp)) = Self::find(file) else {
             return false;
         };
-        let stamp = Self { version, ..stamp };
-        let place = image.get_mut(at..at + STAMP);
+        let mut bytes = Self { version, ..stamp }.bytes();
+        if let Some((covered, sum)) = bytes.split_last_chunk_mut::<4>() {
+            let length = (length as u32).to_le_bytes();
+            for (to, from) in covered.iter_mut().skip(17).zip(length) {
+                *to = from;
+            }
+            *sum = CRC.checksum(covered).to_le_bytes();
+        }
+        let place = file.get_mut(at..at + STAMP);
         place.is_some_and(|place| {
-            place.copy_from_slice(&stamp.bytes());
+            place.copy_from_slice(&bytes);
             true
         })
+    }
+
+    /// Bytes of a whole image as its stamp tells them, if it does.
+    #[cfg(any(test, feature = "alloc"))]
+    pub fn length_of(image: &[u8]) -> Option<usize> {
+        let (at, _) = Self::find(image)?;
+        let &[l0, l1, l2] = image.get(at + 17..)?.first_chunk::<3>()?;
+        let length = u32::from_le_bytes([l0, l1, l2, 0]) as usize;
+        (length > 0).then_some(length)
     }
 }
 
@@ -124,7 +142,9 @@ mod tests {
         assert_eq!(Stamp::find(&image), None);
         image[1001..][..STAMP].copy_from_slice(&stamp.bytes());
         assert_eq!(Stamp::find(&image), Some((1001, stamp)));
-        assert!(Stamp::set_version(&mut image, 13));
+        assert_eq!(Stamp::length_of(&image), None);
+        assert!(Stamp::set_version(&mut image, 13, 4000));
+        assert_eq!(Stamp::length_of(&image), Some(4000));
         assert_eq!(
             Stamp::find(&image),
             Some((

@@ -193,8 +193,11 @@ pub(crate) fn build_updated(
     let name = Name::of(board, roles, true);
     let path = compile(sh, board.name, &name.file, &name.features)?;
     let mut elf = fs::read(&path)?;
+    let length = flash_file::updated(board, &elf)
+        .with_context(|| self::name(&path))?
+        .len();
     ensure!(
-        Stamp::set_version(&mut elf, version),
+        Stamp::set_version(&mut elf, version, length),
         "{} has no stamp",
         path.display()
     );

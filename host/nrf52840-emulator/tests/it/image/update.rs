@@ -37,7 +37,8 @@ fn file(variable: &str) -> PathBuf {
 /// The image of this version, as nodes take it.
 fn binary(version: u32) -> Vec<u8> {
     let mut image = fs::read(file("NODE_UPDATED").with_extension("bin")).unwrap();
-    assert!(Stamp::set_version(&mut image, version));
+    let length = image.len();
+    assert!(Stamp::set_version(&mut image, version, length));
     image
 }
 
