@@ -62,7 +62,8 @@ pub enum ImageError {
 /// # Errors
 /// It is none for this board, or the board is not updated by radio.
 pub fn updated(board: &'static Board, elf: &[u8]) -> Result<Vec<u8>, ImageError> {
-    flat(board, elf, board.image(true))
+    let updated = board.updated.as_ref().ok_or(ImageError::Empty)?;
+    flat(board, elf, &updated.image)
 }
 
 /// The bytes of the boot loader of a board that is updated by radio.
