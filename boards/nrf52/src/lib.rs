@@ -73,7 +73,7 @@ macro_rules! stamp {
     ($board:ident) => {{
         static STAMP: [u8; $crate::radio_update::stamp::STAMP] =
             $crate::radio_update::stamp::Stamp {
-                board: $crate::radio_update::stamp::board_number(env!("CARGO_PKG_NAME")),
+                board: $crate::radio_update::stamp::board_number($crate::board_facts::$board.name),
                 roles: $crate::ROLES,
                 version: 0,
             }
@@ -131,7 +131,7 @@ macro_rules! board {
         async fn begin(spawner: $crate::Spawner, pins: $crate::Pins, parts: $crate::Parts) {
             let board = &$crate::board_facts::$board;
             let (config, peripherals, liveness) =
-                $crate::begin(spawner, (board, $crate::stamp!(board)), pins, parts).await;
+                $crate::begin(spawner, (board, $crate::stamp!($board)), pins, parts).await;
             $crate::spawn(spawner, run_node(config, peripherals, liveness));
         }
 

@@ -197,11 +197,6 @@ mod made {
                     PAGES_MAX * PAGE
                 ));
             }
-            Ok(Self::signed(image, stamp, secret))
-        }
-
-        /// The same with a stamp of the caller's.
-        fn signed(image: &[u8], stamp: Stamp, secret: &[u8; 32]) -> Self {
             let mut header = Vec::from(MAGIC);
             header.extend([FORMAT, stamp.roles, 0, 0]);
             for number in [stamp.board, stamp.version, image.len() as u32] {
@@ -215,10 +210,10 @@ mod made {
             }
             let signature = Keypair::from(secret).sign(&header).to_bytes();
             header.extend(signature);
-            Self {
+            Ok(Self {
                 header,
                 image: image.to_vec(),
-            }
+            })
         }
 
         /// Its header's bytes.

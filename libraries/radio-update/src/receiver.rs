@@ -59,6 +59,9 @@ pub enum Reaction {
     Restart,
 }
 
+/// Whole pages that may be wrong between two starts before the flash counts as broken.
+const WRONG_MAX: u8 = 16;
+
 /// The flash failed.
 struct Failed;
 
@@ -96,6 +99,8 @@ pub struct Receiver<F> {
     work: Work,
     /// Of the pages that are checked.
     hash: Sha512,
+    /// Whole pages that were not as the header says.
+    wrong: u8,
 }
 
 /// A part of a flash.
@@ -165,6 +170,7 @@ impl<F: NorFlash> Receiver<F> {
             phase: Phase::Idle,
             work: Work::None,
             hash: Sha512::new(),
+            wrong: 0,
         };
         if receiver.load().await.is_err() {
             receiver.phase = Phase::Flash;
@@ -260,7 +266,7 @@ impl<F: NorFlash> Receiver<F> {
                 from,
                 spread_ms,
             }) => {
-                self.on_offer(package, header.into());
+                self.on_offer(package, header.into(), from == NO_ANSWER);
                 Ok(match from {
                     NO_ANSWER => Reaction::Nothing,
                     _ => Reaction::Answer { from, spread_ms },
@@ -286,15 +292,18 @@ impl<F: NorFlash> Receiver<F> {
         })
     }
 
-    fn on_offer(&mut self, package: u32, header: usize) {
+    /// With the first offer of a run, to which no answer is wanted, a flash that failed is tried again.
+    fn on_offer(&mut self, package: u32, header: usize, is_first: bool) {
         let is_busy = matches!(self.phase, Phase::Trial | Phase::Installing);
         let fits = header > 0 && header <= self.header.len();
-        if package == self.package && self.phase != Phase::Flash || is_busy || !fits {
+        let is_known = package == self.package && !(is_first && self.phase == Phase::Flash);
+        if is_known || is_busy || !fits {
             return;
         }
         self.package = package;
         self.header_length = header;
         self.blocks = Blocks::new();
+        self.wrong = 0;
         self.work = Work::None;
         self.phase = if self.own.key.is_none() {
             Phase::NoKey
@@ -443,6 +452,11 @@ impl<F: NorFlash> Receiver<F> {
     async fn close(&mut self, page: usize) -> Result<(), Failed> {
         let is_full = self.of_page(page).all(|block| self.blocks.has(block));
         if is_full && !self.is_right(page).await? {
+            // A loss of power spoils a page; a flash that keeps wrong bytes does so again and again.
+            self.wrong += 1;
+            if self.wrong >= WRONG_MAX {
+                return Err(Failed);
+            }
             self.erase(page).await?;
         }
         self.finish();

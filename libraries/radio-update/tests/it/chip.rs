@@ -61,6 +61,8 @@ struct Memory {
     /// Writes of each word since it was erased.
     writes: Vec<u8>,
     power: Option<u32>,
+    /// A byte of which no bit rises again.
+    stuck: Option<usize>,
     random: ChaCha8Rng,
 }
 
@@ -113,6 +115,9 @@ impl Memory {
         for (old, new) in self.bytes[at..at + 4].iter_mut().zip(word) {
             let kept: u8 = if is_whole { 0 } else { self.random.random() };
             *old &= new | kept;
+        }
+        if let Some(stuck) = self.stuck {
+            self.bytes[stuck] = 0;
         }
         if is_whole { Ok(()) } else { Err(Failed) }
     }
@@ -235,6 +240,7 @@ impl Node {
             bytes,
             writes: vec![0; size / 4],
             power: None,
+            stuck: None,
             random,
         };
         Self {
@@ -251,6 +257,12 @@ impl Node {
     /// Power for so many changes of the flash, or for good.
     pub(crate) fn power(&self, changes: Option<u32>) {
         self.chip.0.borrow_mut().power = changes;
+    }
+
+    /// From now on a byte of the spare part reads 0, whatever is written.
+    pub(crate) fn break_byte(&self, at: usize) {
+        let stuck = layout().1.spare.start as usize + at;
+        self.chip.0.borrow_mut().stuck = Some(stuck);
     }
 
     pub(crate) fn has_power(&self) -> bool {

@@ -136,6 +136,23 @@ fn what_is_forged_older_foreign_or_too_long_is_refused_and_changes_nothing() {
     assert_eq!(ended, Some(Phase::Forged));
 }
 
+/// A byte that keeps its value spoils one page again and again: the node says that its flash fails, the other one
+/// runs the new image, and the sender comes to an end.
+#[test]
+fn a_broken_flash_is_named_and_costs_the_others_nothing() {
+    let mut nodes = [1, 2].map(|seed| Node::new(LENGTH, ChaCha8Rng::seed_from_u64(seed)));
+    nodes[1].break_byte(5000);
+    for node in &mut nodes {
+        assert!(node.start());
+    }
+    assert_ne!(image(LENGTH, 2)[5000], 0);
+    let sender = Sender::new(package(LENGTH, 2), [0, 1], 0);
+    let sender = drive(&mut nodes, sender, |_| false);
+    assert_eq!(sender.nodes()[&0].phase, Some(Phase::Installed));
+    assert_eq!(sender.nodes()[&1].phase, Some(Phase::Flash));
+    assert_eq!(nodes[1].active(LENGTH), image(LENGTH, 1));
+}
+
 /// An image that never finds its network, and that its watchdog restarts: the node goes back each time, and says so.
 #[test]
 fn a_new_image_that_finds_no_network_goes_back() {

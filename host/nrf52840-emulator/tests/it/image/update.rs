@@ -25,6 +25,8 @@ const SECRET: [u8; 32] = [17; 32];
 const PROGRAM: Range<u64> = 0..0x6_8000;
 const IMAGE: u64 = 0x8000;
 const FLASH_END: u64 = 0x10_0000;
+/// Behind the longest configuration.
+const KEY: u64 = PAGE + 512;
 /// Nanoseconds of a byte at 115,200 baud.
 const BYTE: u64 = 86_806;
 
@@ -53,8 +55,7 @@ fn updated(node: Node, version: u32) -> Node {
     for (at, bytes) in &node.flash {
         put(*at, bytes);
     }
-    let key = PAGE + u64::from(board_key());
-    put(key, &key_record(&public_key(&SECRET)));
+    put(KEY, &key_record(&public_key(&SECRET)));
     let rest = flash.split_off(PROGRAM.end as usize);
     Node {
         image: file("NODE_UPDATED"),
@@ -62,11 +63,6 @@ fn updated(node: Node, version: u32) -> Node {
         parts: Some([PROGRAM, PROGRAM.end..FLASH_END]),
         ..node
     }
-}
-
-/// Place of the key behind the configuration.
-const fn board_key() -> u32 {
-    512
 }
 
 /// The PC on the coordinator's line.
