@@ -394,6 +394,7 @@ fn what_contradicts_is_named_and_left_out() {
 #[test]
 fn a_camera_upside_down_is_not_believed_and_named() {
     let (mut cameras, mut named, mut deceived) = (0, 0, 0);
+    let (mut others, mut doubted) = (0, 0);
     for seed in 0..40 {
         let walk = Walk::random(
             &mut generator(seed),
@@ -426,12 +427,17 @@ fn a_camera_upside_down_is_not_believed_and_named() {
             let sigma = estimate.pose().sigma_position();
             deceived += usize::from(off.norm() > 5.0 * sigma);
         }
-        let mut others = { solution.cameras.iter() }.filter(|camera| camera.camera != id);
-        assert!(others.all(|camera| !camera.mirrored), "{seed}");
+        for other in solution.cameras.iter().filter(|other| other.camera != id) {
+            assert!(!other.mirrored, "{seed}");
+            others += 1;
+            doubted += usize::from(other.reason == Some(NetworkSolution::AMBIGUOUS));
+        }
     }
+    println!("{doubted} of {others} others fit as well exchanged");
     println!("{named} of {cameras} are named, {deceived} are believed");
-    // Five bearings of one camera fit a pose exchanged or not.
-    assert!(deceived <= 1, "{deceived} of {cameras}");
+    // Few bearings of a camera fit some pose exchanged or not, and such a pose is doubtful.
+    assert_eq!(deceived, 0, "of {cameras}");
+    assert!(doubted * 50 <= others, "{doubted} of {others} others");
     assert!(
         cameras > 30 && named * 10 >= cameras * 7,
         "{named} of {cameras}"

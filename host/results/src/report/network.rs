@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::table::Words;
-use crate::network::{Finding, LensEstimate, NetworkSolution, ScaleFrom};
+use crate::network::{Camera, Finding, LensEstimate, NetworkSolution, ScaleFrom};
 
 /// The tables of one walk.
 pub fn network_report(solution: &NetworkSolution, unit: &str) -> String {
@@ -149,6 +149,15 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
             out,
             "Camera {}: its bearings fit once left and right are exchanged. It hangs upside down, or its picture is \
              mirrored: turn it over, or count its columns from the other side, and do not rely on its pose.",
+            camera.camera
+        )?;
+    }
+    let is_ambiguous = |camera: &&Camera| camera.reason == Some(NetworkSolution::AMBIGUOUS);
+    for camera in solution.cameras.iter().filter(is_ambiguous) {
+        writeln!(
+            out,
+            "Camera {}: its bearings also fit once left and right are exchanged. Let it see the target at another \
+             stop, or make sure that it hangs upright and that its picture is not mirrored.",
             camera.camera
         )?;
     }

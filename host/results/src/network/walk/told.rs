@@ -196,7 +196,11 @@ impl Walk<'_> {
                 Some(sighting)
             })
             .collect();
-        told.mirrored = !reference && fit_mirrored(&sightings);
+        let mirror = match reference {
+            false => Mirror::of(&sightings),
+            true => Mirror::Worse,
+        };
+        told.mirrored = mirror == Mirror::Better;
         let has_moved = output.findings.iter().any(is_off);
         if let Some(pose) = output.poses[camera] {
             told.estimate = Estimate::new(&pose);
@@ -218,6 +222,8 @@ impl Walk<'_> {
                 .is_some_and(|most| !reference && pose.sigma_position() > most);
             (told.status, told.reason) = if contradicts || is_other {
                 (Status::Doubtful, Some(NetworkSolution::CONTRADICTORY))
+            } else if mirror == Mirror::AsGood && !told.checked {
+                (Status::Doubtful, Some(NetworkSolution::AMBIGUOUS))
             } else if is_weak {
                 (Status::Weak, None)
             } else {
@@ -279,24 +285,38 @@ impl Walk<'_> {
     }
 }
 
-/// Returns true if a pose fits all these sightings with left and right exchanged, and none fits them better as they
-/// are.
-fn fit_mirrored(sightings: &[Sighting<f64>]) -> bool {
-    let mirrored: Vec<_> = sightings
-        .iter()
-        .map(|seen| Sighting {
-            ray: Ray {
-                left: -seen.ray.left,
-                ..seen.ray
-            },
-            ..*seen
-        })
-        .collect();
-    // Three sightings fit some pose in any case, and four often do.
-    mirrored.len() > 4
-        && resection::solve(&mirrored).is_ok_and(|found| {
-            let straight = resection::solve(sightings);
-            !found.fit().is_bad()
-                && straight.map_or(true, |straight| straight.chi_squared > found.chi_squared)
-        })
+/// A camera's bearings once left and right are exchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mirror {
+    /// They fit worse, or are too few to tell: three fit some pose in any case, and four often do.
+    Worse,
+    /// They fit as well as they should, but no better than as they are.
+    AsGood,
+    /// They fit better than as they are.
+    Better,
+}
+
+impl Mirror {
+    fn of(sightings: &[Sighting<f64>]) -> Self {
+        let mirrored: Vec<_> = { sightings.iter() }
+            .map(|seen| Sighting {
+                ray: Ray {
+                    left: -seen.ray.left,
+                    ..seen.ray
+                },
+                ..*seen
+            })
+            .collect();
+        let Some(found) =
+            { (mirrored.len() > 4).then(|| resection::solve(&mirrored).ok()) }.flatten()
+        else {
+            return Self::Worse;
+        };
+        let straight = resection::solve(sightings);
+        match straight.map_or(f64::INFINITY, |straight| straight.chi_squared) {
+            _ if found.fit().is_bad() => Self::Worse,
+            straight if straight > found.chi_squared => Self::Better,
+            _ => Self::AsGood,
+        }
+    }
 }
