@@ -7,9 +7,11 @@ use std::{
     process::ExitCode,
 };
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use clap::{Parser, Subcommand};
+use radio_update::package::{Key, public_key};
 use results::recorded::ReadError;
+use site::key_file;
 
 mod camera;
 mod camera_options;
@@ -204,6 +206,12 @@ fn file_name(path: &Path) -> String {
     } else {
         path.display().to_string()
     }
+}
+
+/// The public key of a file of `host-sim keygen --updates`.
+fn public_update_key(path: &Path) -> anyhow::Result<Key> {
+    let secret = key_file::read_update_key(path).with_context(|| file_name(path))?;
+    Ok(public_key(&secret))
 }
 
 /// A file's error with its name, and with the line in the form that editors follow.

@@ -28,6 +28,7 @@ use super::{
     interrupt,
     late::Late,
     pseudo_terminal::PseudoTerminal,
+    public_update_key,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs, write},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
@@ -67,6 +68,10 @@ pub(super) struct Arguments {
     /// May be repeated.
     #[arg(long, value_name = "PTY", value_parser = values::console)]
     console: Vec<(usize, PathBuf)>,
+    /// Nodes take updates by radio that are signed with this key, of `host-sim keygen --updates`: `host-sim update
+    /// --port PTY` gives them an image, over the line of --console.
+    #[arg(long, value_name = "FILE", requires = "console")]
+    update_key: Option<PathBuf>,
     /// The image for emulated chips. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
@@ -138,6 +143,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .reads(arguments.port.iter().map(|(_, path)| path))
         .reads(arguments.console.iter().map(|(_, link)| link))
         .reads([image])
+        .reads(&arguments.update_key)
         .writes(
             [
                 &arguments.pcap,
@@ -175,6 +181,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.track.is_none() || arguments.backend == Backend::Host,
         "--track needs cameras that see what moves, in virtual time: leave it out, or say `--backend host`"
     );
+    ensure!(
+        arguments.update_key.is_none() || arguments.backend == Backend::Host,
+        "--update-key is for nodes that this program runs: leave it out, or say `--backend host`"
+    );
+    let update_key = arguments.update_key.as_deref();
+    let update_key = update_key.map(public_update_key).transpose()?;
     let mut networks = BTreeSet::new();
     for (network, _) in &arguments.console {
         ensure!(
@@ -223,6 +235,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         } else {
             0
         },
+        update_key,
         stop: stop.clone(),
         pcap: pcap.clone().map(writer),
         log: log.clone().map(writer),

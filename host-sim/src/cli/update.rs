@@ -95,6 +95,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
             tell("The nodes keep what they have: the same command goes on.");
             Ok(interrupt::told())
         }
+        Err(error) if matches!(error.downcast_ref(), Some(PortError::Io(_))) => {
+            let port = &arguments.port;
+            Err(error.context(format!(
+                "{port} went away; the nodes keep what they have, and the same command goes on"
+            )))
+        }
         done => done,
     }
 }

@@ -21,7 +21,7 @@ use super::{
     node::Node,
 };
 use virtual_hardware::{
-    executor::Clock,
+    executor::{Clock, Time},
     line::{Port, Side},
     polled::Polled,
 };
@@ -49,6 +49,8 @@ struct Shared {
     journal: SharedJournal,
     /// Time at which each camera last told what it sees while it tracks.
     heard: RefCell<BTreeMap<u16, Duration>>,
+    /// Time of the last message about an update by radio.
+    updated: Cell<Option<Time>>,
     /// Messages about looks and objects since they were last taken.
     tracking: RefCell<Option<Vec<(Duration, ToPc)>>>,
 }
@@ -124,6 +126,7 @@ impl Console {
             said: Channel::new(),
             journal,
             heard: RefCell::default(),
+            updated: Cell::default(),
             tracking: RefCell::default(),
         }))
     }
@@ -169,6 +172,11 @@ impl Console {
     /// Time at which each camera last told what it sees while it tracks.
     pub(super) fn heard(&self) -> Ref<'_, BTreeMap<u16, Duration>> {
         self.0.heard.borrow()
+    }
+
+    /// Time of the coordinator's last message about an update by radio.
+    pub(super) fn updated(&self) -> Option<Time> {
+        self.0.updated.get()
     }
 
     /// The coordinator's messages about looks and objects since the last call, with the time; none at the
@@ -254,6 +262,7 @@ impl Console {
             told.push((now, *message));
         }
         match message {
+            ToPc::Update { .. } | ToPc::UpdateSent => shared.updated.set(Some(shared.clock.time())),
             ToPc::Tracked { address, tracked } => {
                 if let Some(id) = view.id_of(*address) {
                     shared.heard.borrow_mut().insert(id, now);

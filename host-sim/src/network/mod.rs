@@ -38,6 +38,7 @@ mod measured;
 mod node;
 mod objects;
 mod outcome;
+mod updated;
 mod walk;
 
 use std::{
@@ -81,6 +82,7 @@ use crate::{
     video::Video,
 };
 use nalgebra::Point2;
+use radio_update::package::Key;
 use rand::Rng;
 use results::record::{RunRecord, Tracking};
 use site::world::World;
@@ -95,6 +97,8 @@ const SECOND: Time = 1_000_000_000;
 
 /// Time for reports to come in after the last target has ended its walk.
 const GRACE: Time = 5 * SECOND;
+/// Longest silence of an update that goes on: a boot loader changes images meanwhile, and the node joins again.
+const UPDATE: Time = 60 * SECOND;
 /// Period with which the flash of chips is read, so that facts that they overwrite later are known too.
 const CHIPS_READ: Time = SECOND / 5;
 
@@ -111,6 +115,8 @@ pub struct Options {
     /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
     /// every camera is calibrated and every pose checked.
     pub further_stops: usize,
+    /// Nodes take updates by radio that are signed with this key, unless they are emulated chips.
+    pub update_key: Option<Key>,
     /// Ends the run early once it is set.
     pub stop: Arc<AtomicBool>,
     /// All frames on the air, for Wireshark. Frames that cannot be written are left out.
@@ -157,8 +163,8 @@ pub struct Simulation {
     scenario: Scenario,
     /// The networks as the file has them, where cameras stand as they are meant to.
     written: Vec<NetworkTable>,
-    /// A speed was given.
-    has_pace: bool,
+    /// The speed that was given.
+    speed: Option<f64>,
     site: Site,
     executor: Executor,
     medium: Medium,
@@ -177,6 +183,7 @@ pub struct Simulation {
     walks: u32,
     attacker: attack::Attacker,
     chips: Option<Rc<Pool>>,
+    update_key: Option<Key>,
     stop: Arc<AtomicBool>,
     /// Set until the run begins.
     pcap: Option<Box<dyn Write>>,
@@ -216,7 +223,7 @@ impl Simulation {
         let mut simulation = Self {
             scenario,
             written,
-            has_pace: options.speed.is_some(),
+            speed: options.speed,
             site,
             executor,
             medium,
@@ -231,6 +238,7 @@ impl Simulation {
             walks: 1,
             attacker: attack::Attacker::default(),
             chips,
+            update_key: options.update_key,
             stop: options.stop,
             pcap: options.pcap,
             trouble,
@@ -330,7 +338,7 @@ impl Simulation {
         console
             .ok_or(ConnectError::NoNetwork(network))?
             .connect(Box::new(terminal));
-        if !self.has_pace {
+        if self.speed.is_none() {
             self.executor.set_pace(times_real_time(1.0));
         }
         Ok(())
@@ -379,8 +387,11 @@ impl Simulation {
             if !ended() && self.executor.clock().time() < limit {
                 continue;
             }
-            let end = self.executor.clock().time() + GRACE;
-            self.run_looking(end, every, &is_over, &mut look);
+            let mut end = self.executor.clock().time() + GRACE;
+            while self.executor.clock().time() < end && !is_over() {
+                self.run_looking(end, every, &is_over, &mut look);
+                end = end.max(self.update_ends());
+            }
             progress(self.progress());
             self.look_into_chips();
             let mut takes = further::lead_on(self);
@@ -402,6 +413,14 @@ impl Simulation {
             node.read_memory();
         }
         outcome::record(self, begun.elapsed().as_secs_f64())
+    }
+
+    /// Time until which an update by radio is under way, as far as consoles know.
+    fn update_ends(&self) -> Time {
+        let last = self.consoles.iter().filter_map(Console::updated).max();
+        // The PC waits in real time.
+        let silence = UPDATE as f64 * self.speed.unwrap_or(1.0).max(1.0);
+        last.map_or(0, |last| last + silence as Time)
     }
 
     /// Runs until a time or a condition; calls `look` now and then, and at the end.

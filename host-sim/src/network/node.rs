@@ -16,11 +16,12 @@ use node_firmware::{
     facts::{self, Fact},
     hardware::{
         Button, Buttons, FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor,
+        Updates,
     },
     limits::CONSOLE_BAUD,
     liveness::Liveness,
     message::{Health, Restart},
-    run::run,
+    run::{Failure, run},
     steps::{Chip, SensorError, SensorFault},
     vision::CameraKind,
 };
@@ -33,6 +34,7 @@ use super::{
     device::{Device, Serial},
     emulated::{Surroundings, chips},
     journal::{Moment, SharedJournal, Witness},
+    updated::Parts,
 };
 use crate::video::Video;
 use cmucam2_emulator::{Background, Configuration, Emulator, FaultRates, Rgb, Scene};
@@ -49,7 +51,7 @@ use virtual_hardware::{
 
 /// Flash of a board for the link, and for the role.
 const LINK: u32 = NRF52840_DK.regions.link.end - NRF52840_DK.regions.link.start;
-const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
+const MEMORY: u32 = LINK + facts::BYTES;
 
 /// Time after which a board that failed restarts.
 const RESTART: Time = 1_000_000_000;
@@ -204,6 +206,8 @@ pub(super) struct Node {
     medium: Medium,
     pub(super) antenna: NodeId,
     flash: Flash,
+    /// Parts of the flash behind the memory, if it takes updates by radio.
+    updates: Option<Parts>,
     /// Line to the camera, or to the PC.
     pub(super) line: Line,
     pub(super) panel: Panel,
@@ -250,12 +254,16 @@ impl Node {
         let clock = simulation.executor.clock().drifting(drift as i32);
         let chip = simulation.chips.as_ref();
         let step_length = simulation.scenario.walk.step_length;
+        let updates = simulation.update_key.filter(|_| chip.is_none());
+        let updates = updates.and_then(|key| Parts::new(MEMORY, key));
+        let end = updates.as_ref().map_or(MEMORY, Parts::end);
         let chip = chip.map(|chips| chips.board(&config, drift as i32, step_length));
         Rc::new(Self {
             board: chip,
             trouble: simulation.trouble.clone(),
             real: RefCell::default(),
-            flash: Flash::new(&clock, PAGES, root.stream("flash", id)),
+            flash: Flash::new(&clock, end as usize / PAGE, root.stream("flash", id)),
+            updates,
             antenna: simulation.medium.attach(super::antenna(place)),
             spawner: simulation.executor.spawner(),
             medium: simulation.medium.clone(),
@@ -735,9 +743,31 @@ impl Node {
         }
     }
 
+    /// Its boot loader. One whose flash fails tries again.
+    async fn boot(&self, parts: &Parts) -> Updates {
+        loop {
+            match parts.boot(&self.flash) {
+                Ok(boot) => {
+                    self.clock.sleep(boot.takes).await;
+                    if boot.changed {
+                        let version = boot.image.map_or(0, |stamp| stamp.version);
+                        self.note(&format!("starts the image of version {version}"));
+                    }
+                    return parts.firmware(boot.image);
+                }
+                Err(error) => self.note(&format!("cannot change images: {error}")),
+            }
+            self.clock.sleep(RESTART).await;
+        }
+    }
+
     async fn firmware(self: Rc<Self>) {
         let mut restart = Restart::Ordinary;
         loop {
+            let update = match &self.updates {
+                Some(parts) => Some(self.boot(parts).await),
+                None => None,
+            };
             let liveness = Liveness::new(restart);
             let seed = self.next_seed();
             let radio = self.medium.radio(self.antenna, NRF52840);
@@ -749,7 +779,7 @@ impl Node {
                 flash: self.flash.clone(),
                 layout: FlashLayout {
                     link: 0..LINK,
-                    facts: LINK..LINK + facts::BYTES,
+                    facts: LINK..MEMORY,
                 },
                 steps: Steps {
                     node: self.clone(),
@@ -763,10 +793,14 @@ impl Node {
                     truth: Box::new(move || node.truth.borrow().as_ref().map(|truth| truth())),
                 },
                 seed,
-                update: None,
+                update,
             };
             let running = pin!(run(&self.config, peripherals, &liveness));
             let why = match select(running, pin!(self.watch(&liveness))).await {
+                Either::First(Failure::Update) => {
+                    restart = Restart::Ordinary;
+                    continue;
+                }
                 Either::First(failure) => {
                     restart = Restart::Program;
                     failure.to_string()

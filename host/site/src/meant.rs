@@ -3,12 +3,29 @@
 /// Likeness from which on a name was probably meant.
 const LIKE: f64 = 0.7;
 
-/// The name that was probably meant by another one, if any is like it.
+/// The name that was probably meant by another one, if any is like it or is abbreviated by it.
 #[must_use]
 pub fn nearest<'a>(name: &str, among: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let likeness = |known: &str| strsim::jaro_winkler(known, name);
+    let likeness = |known: &str| match abbreviates(name, known) {
+        true => 1.0,
+        false => strsim::jaro_winkler(known, name),
+    };
     let best = { among.into_iter() }.max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
     (likeness(best) > LIKE).then_some(best)
+}
+
+/// Returns true if a name begins with the first letters of two words or more of another one, and goes on as that does or
+/// ends: `fov_deg` and `fov` abbreviate `field_of_view_deg`.
+fn abbreviates(name: &str, known: &str) -> bool {
+    let words: Vec<&str> = known.split('_').collect();
+    (2..=words.len()).any(|count| {
+        let (first, rest) = words.split_at(count);
+        let letters: String = first
+            .iter()
+            .filter_map(|word| word.chars().next())
+            .collect();
+        name == letters || name == [&[letters.as_str()], rest].concat().join("_")
+    })
 }
 
 /// `: did you mean ...?`, or nothing.
@@ -27,5 +44,16 @@ mod tests {
         assert_eq!(nearest("thesis", known), Some("thesis-13"));
         assert_eq!(nearest("ofice", known), Some("office"));
         assert_eq!(nearest("kitchen", known), None);
+        let keys = ["field_of_view_deg", "flicker", "projection", "height"];
+        for abbreviated in ["fov", "fov_deg", "fovd"] {
+            assert_eq!(nearest(abbreviated, keys), Some("field_of_view_deg"));
+        }
+        for other in ["fo", "fov_rad", "_", ""] {
+            assert_eq!(
+                nearest(other, ["field_of_view_deg", "height"]),
+                None,
+                "{other}"
+            );
+        }
     }
 }

@@ -11,7 +11,7 @@ use std::{
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use node_firmware::config::{CheckedConfig, RoleConfig, SiteKey};
-use radio_update::package::{Key, public_key};
+use radio_update::package::Key;
 use site::{
     NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file,
     node::{self, RoleName},
@@ -19,7 +19,7 @@ use site::{
 };
 use toml::Table;
 
-use super::{file_name, files::Files, print, tell, values, whole_file};
+use super::{file_name, files::Files, print, public_update_key, tell, values, whole_file};
 
 /// Makes configuration pages, which tell boards which nodes they are.
 ///
@@ -134,13 +134,11 @@ impl Arguments {
                 file_name(page)
             );
         }
-        let update_key = match &self.update_key {
-            Some(path) => {
-                let secret = key_file::read_update_key(path).with_context(|| file_name(path))?;
-                Some(public_key(&secret))
-            }
-            None => None,
-        };
+        let update_key = self
+            .update_key
+            .as_deref()
+            .map(public_update_key)
+            .transpose()?;
         // Warnings come first: they would be lost among the pages.
         for (config, _) in pages {
             self.warn(config);
