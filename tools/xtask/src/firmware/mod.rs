@@ -201,9 +201,9 @@ pub(crate) fn build_updated(
         "{} has no stamp",
         path.display()
     );
-    fs::write(&path, &elf)?;
+    replace(&path, &elf)?;
     let bytes = flash_file::updated(board, &elf).with_context(|| self::name(&path))?;
-    fs::write(path.with_extension("bin"), bytes)?;
+    replace(&path.with_extension("bin"), &bytes)?;
     Ok(path)
 }
 
@@ -213,7 +213,7 @@ pub(crate) fn loader(sh: &Shell) -> Result<PathBuf> {
     let image = ["--package=nrf52840", "--features=nrf52840/update"].map(str::to_owned);
     let path = compile(sh, "loader", "loader", &image)?;
     let bytes = flash_file::loader(&board_facts::NRF52840_DK, &fs::read(&path)?)?;
-    fs::write(path.with_extension("bin"), bytes)?;
+    replace(&path.with_extension("bin"), &bytes)?;
     Ok(path)
 }
 
@@ -332,7 +332,7 @@ fn pack(board: &'static Board, path: &Path) -> Result<Image> {
     let mut files = name(path);
     if let Some((ending, bytes)) = image.file(None, false) {
         let file = path.with_extension(ending);
-        fs::write(&file, bytes)?;
+        replace(&file, &bytes)?;
         files = format!("{files}, {}", name(&file));
     }
     let image = Image::read(path)?;
@@ -447,11 +447,24 @@ fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<P
     )
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
     eprintln!("$ {cargo}");
-    let built = built::program(&cargo.quiet().read()?, package)?;
-    let image = sh.current_dir().join(DIRECTORY).join(format!("{name}.elf"));
     sh.create_dir(DIRECTORY)?;
-    fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
+    let folder = sh.current_dir().join(DIRECTORY);
+    // Stages side by side: images of other features are built at the same path.
+    let lock = fs::File::create(folder.join("lock"))?;
+    lock.lock()?;
+    let built = built::program(&cargo.quiet().read()?, package)?;
+    let image = folder.join(format!("{name}.elf"));
+    let bytes = fs::read(&built).with_context(|| format!("{} is missing", built.display()))?;
+    replace(&image, &bytes)?;
     Ok(image)
+}
+
+/// Writes a file at once: a stage beside this one may read it just now.
+fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    let new = path.with_added_extension(std::process::id().to_string());
+    fs::write(&new, bytes)
+        .and_then(|()| fs::rename(&new, path))
+        .with_context(|| format!("{} cannot be written", path.display()))
 }
 
 /// Flags for the compiler, in quotes. Panics tell where they are: an image is not to have the names
