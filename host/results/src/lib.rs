@@ -21,6 +21,7 @@ pub mod accuracy;
 pub mod answer;
 pub mod export;
 pub mod lens;
+mod mirror;
 pub mod network;
 pub mod plot;
 pub mod record;

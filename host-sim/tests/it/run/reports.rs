@@ -1,6 +1,7 @@
 //! Printed reports, and advice.
 
 use calib_core::{Ray, Sighting, Status, camera::Projection, resection};
+use host_sim::network::{Options, Simulation};
 use nalgebra::Point2;
 use results::export::{self, Frame};
 use results::record::{
@@ -9,6 +10,7 @@ use results::record::{
     verdict::{Common, Finding, InView, Trouble, Verdict},
 };
 use results::report::run::{answer, run_report, runs_report};
+use site::{Overrides, Scenario};
 
 use super::sample::{self, Sample};
 use crate::common::{Files, run};
@@ -295,6 +297,56 @@ fn a_doubtful_pose_is_none() {
     let ros = export::ros_launch(&record, Frame::Network).unwrap();
     assert!(!ros.contains("camera_7"));
     assert!(run_report(&record).contains("| 7    | doubtful "));
+}
+
+/// A camera that hangs upside down is named by what it saw alone, at any seed, and no stop is asked for in its view.
+#[test]
+fn a_camera_upside_down_is_named() {
+    const SITE: &str = r#"
+        name = "upside down"
+        unit = "m"
+        stops = 8
+        camera = { projection = "pin-hole", field_of_view_deg = 60 }
+        world = { low = [0.0, 0.0], high = [9.0, 9.0] }
+        [[network]]
+        references = { cameras = [1, 2] }
+        camera = [
+            { id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 },
+            { id = 2, x = 9.0, y = 0.0, heading_deg = 135.0 },
+            { id = 3, x = 0.0, y = 9.0, heading_deg = -45.0, roll_deg = 180 },
+            { id = 4, x = 9.0, y = 9.0, heading_deg = 225.0 },
+            { id = 5, x = 4.5, y = 9.0, heading_deg = 270.0 },
+        ]
+        target = [{ id = 20 }]
+    "#;
+    for seed in 1..=4 {
+        let scenario =
+            Scenario::from_toml(&format!("seed = {seed}\n{SITE}"), &Overrides::default());
+        let mut simulation = Simulation::new(scenario.unwrap(), Options::default()).unwrap();
+        let record = simulation.run(|_| ());
+        let verdict = Verdict::of(&record);
+        let mirrored = Finding {
+            camera: 3,
+            trouble: Trouble::Mirrored,
+        };
+        assert!(verdict.findings.contains(&mirrored), "{verdict}");
+        let of_it = verdict.findings.iter().filter(|found| found.camera == 3);
+        assert_eq!(of_it.count(), 1, "{verdict}");
+        assert!(
+            verdict
+                .brief()
+                .contains("camera 3: not calibrated: it hangs upside down")
+        );
+        // Others may want a stop there.
+        assert!(
+            verdict
+                .next_stops
+                .iter()
+                .all(|stop| !stop.seen_by.contains(&3))
+        );
+        // A doubtful pose deceives no reader.
+        assert!(!verdict.deceives, "{verdict}");
+    }
 }
 
 /// The camera is sure of its pose, but the pose is wrong: the rehearsal has failed.

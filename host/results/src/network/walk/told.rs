@@ -13,7 +13,10 @@ use crate::network::{
     estimator::{Output, Seen},
     limits, standing,
 };
-use crate::record::{Estimate, NodeMount};
+use crate::{
+    mirror::Mirror,
+    record::{Estimate, NodeMount},
+};
 
 impl Walk<'_> {
     pub(super) fn told(
@@ -281,42 +284,6 @@ impl Walk<'_> {
             leg_factor: None,
             chi_squared: None,
             degrees_of_freedom: 0,
-        }
-    }
-}
-
-/// A camera's bearings once left and right are exchanged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Mirror {
-    /// They fit worse, or are too few to tell: three fit some pose in any case, and four often do.
-    Worse,
-    /// They fit as well as they should, but no better than as they are.
-    AsGood,
-    /// They fit better than as they are.
-    Better,
-}
-
-impl Mirror {
-    fn of(sightings: &[Sighting<f64>]) -> Self {
-        let mirrored: Vec<_> = { sightings.iter() }
-            .map(|seen| Sighting {
-                ray: Ray {
-                    left: -seen.ray.left,
-                    ..seen.ray
-                },
-                ..*seen
-            })
-            .collect();
-        let Some(found) =
-            { (mirrored.len() > 4).then(|| resection::solve(&mirrored).ok()) }.flatten()
-        else {
-            return Self::Worse;
-        };
-        let straight = resection::solve(sightings);
-        match straight.map_or(f64::INFINITY, |straight| straight.chi_squared) {
-            _ if found.fit().is_bad() => Self::Worse,
-            straight if straight > found.chi_squared => Self::Better,
-            _ => Self::AsGood,
         }
     }
 }

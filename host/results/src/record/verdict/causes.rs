@@ -1,14 +1,19 @@
 //! Causes of problems of most cameras, and of their true errors.
 
 use calib_core::{
-    angle,
+    Ray, Sighting, Status, angle,
     fit::{Fit, one_in_a_thousand},
 };
+use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    super::{Node, Residual, RunRecord, Target, sightings::Sightings},
+    super::{
+        Node, Residual, RunRecord, Target,
+        sightings::{Bearing, Sightings},
+    },
     Cause, Common,
 };
+use crate::mirror::Mirror;
 
 /// Chi squared that is exceeded as rarely as five sigmas by a normal number: of 1, 2 and 3 degrees
 /// of freedom, from the incomplete gamma function.
@@ -18,8 +23,12 @@ const MANY: usize = 10;
 /// Errors this many times smaller than foretold are not chance, among many cameras.
 const TOO_SMALL: f64 = 2.0;
 
-/// Number of predicted sigmas that the pose is off, if these are more than five are to one number.
+/// Number of predicted sigmas that the pose is off, if these are more than five are to one number. A doubtful pose is not to
+/// be relied on, and deceives no reader.
 pub fn deceives(camera: &Node) -> Option<f64> {
+    if camera.status == Some(Status::Doubtful) {
+        return None;
+    }
     let fit = camera.truth_fit()?;
     let limit = FIVE_SIGMAS.get(fit.degrees_of_freedom.checked_sub(1)?)?;
     (!(fit.chi_squared <= *limit)).then(|| fit.chi_squared.sqrt())
@@ -60,6 +69,37 @@ fn most(fits: impl Iterator<Item = Fit<f64>>) -> Option<f64> {
     let rest = fits.get(fits.len().div_ceil(4)..).unwrap_or_default();
     let ratio = sum(&fits).ratio();
     ratio.filter(|_| sum(rest).degrees_of_freedom > 0 && sum(rest).is_bad())
+}
+
+/// Returns true if the sightings of a camera, which contradict each other, fit once left and right are exchanged.
+pub(super) fn is_mirrored(record: &RunRecord, camera: &Node) -> bool {
+    let sightings = camera.residuals.iter().filter_map(|seen| {
+        let stop = record.stop(seen)?;
+        let (place, sigmas) = match stop.believed {
+            Some(at) => (
+                Point2::new(at.x, at.y),
+                Vector2::new(at.sigma_x, at.sigma_y),
+            ),
+            None => (Point2::new(stop.x, stop.y), Vector2::zeros()),
+        };
+        let measured = record.sightings.iter().find_map(|all| {
+            let is_it = |own: &&_| is_of(own, camera, seen);
+            (all.network == camera.network)
+                .then(|| all.bearings.iter().find(is_it))?
+                .map(|own| own.sigma_deg)
+        });
+        let sigma = measured.or_else(|| Some(seen.residual_deg? / seen.normalised?))?;
+        let ray = Ray::from_bearing(seen.bearing_deg.to_radians());
+        let mut sighting = Sighting::new(place, ray, sigma.to_radians());
+        sighting.target_covariance = Matrix2::from_diagonal(&sigmas.component_mul(&sigmas));
+        (sigma > 0.0).then_some(sighting)
+    });
+    Mirror::of(&sightings.collect::<Vec<_>>()) == Mirror::Better
+}
+
+/// Returns true if a bearing is this sighting of a camera.
+fn is_of(bearing: &Bearing, camera: &Node, seen: &Residual) -> bool {
+    (bearing.camera, bearing.target, bearing.stop) == (camera.id, seen.target, seen.stop)
 }
 
 /// Reason why the sightings of a camera contradict each other; `None` where the truth is not known, or tells
@@ -104,9 +144,7 @@ fn sighting_sigma_deg(
 ) -> Option<f64> {
     let of_network = |all: &&Sightings| all.network == camera.network;
     let measured = record.sightings.iter().find(of_network).and_then(|all| {
-        let bearing = all.bearings.iter().find(|seen| {
-            (seen.camera, seen.target, seen.stop) == (camera.id, residual.target, residual.stop)
-        })?;
+        let bearing = { all.bearings.iter() }.find(|seen| is_of(seen, camera, residual))?;
         let carrier = all.carriers.iter().find(|c| c.target == residual.target);
         let standing = carrier.map_or(0.0, |carrier| carrier.standing_sigma);
         Some(bearing.sigma_deg.hypot((standing / distance).to_degrees()))
@@ -134,7 +172,10 @@ fn believed(target: &Target) -> Option<f64> {
 /// The true errors of all cameras. They share the errors of the target from which they learnt, so that their
 /// mean counts like that of one camera, of three degrees of freedom.
 fn errors(record: &RunRecord) -> Option<Common> {
-    let fits: Vec<_> = record.cameras().filter_map(Node::truth_fit).collect();
+    let relied = record
+        .cameras()
+        .filter(|camera| camera.status != Some(Status::Doubtful));
+    let fits: Vec<_> = relied.filter_map(Node::truth_fit).collect();
     let all = fits.iter().copied().fold(Fit::default(), Fit::and);
     let ratio = all.ratio()?;
     if 3.0 * ratio * ratio > one_in_a_thousand(3) {

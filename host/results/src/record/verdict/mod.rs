@@ -121,6 +121,8 @@ pub enum Trouble {
         /// Number of sightings that agree with all measurements, and number of all, where some do not.
         agreeing: Option<[usize; 2]>,
     },
+    /// Its sightings contradict each other, and fit once left and right are exchanged.
+    Mirrored,
     /// Its sightings contradict the configured lens, and fit this one.
     OtherLens(NodeLens),
     /// It is not level, and its rows contradict each other: so they tell that it hangs.
@@ -518,6 +520,9 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
         Some(Status::Doubtful) if let Some(lens) = camera.lens => {
             troubles.push(Trouble::OtherLens(lens));
         }
+        Some(Status::Doubtful) if causes::is_mirrored(record, camera) => {
+            troubles.push(Trouble::Mirrored);
+        }
         Some(Status::Doubtful) => troubles.push(Trouble::Doubtful {
             ratio: camera.fit().ratio(),
             sigma_position,
@@ -532,7 +537,8 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
         }),
         _ => {}
     }
-    if camera.fit().is_bad() {
+    let is_explained = troubles.contains(&Trouble::Mirrored);
+    if camera.fit().is_bad() && !is_explained {
         for residual in &camera.residuals {
             let sigmas = residual.normalised.unwrap_or_default().abs();
             if sigmas > WILD {
@@ -573,6 +579,9 @@ fn why_no_pose(record: &RunRecord, networks: &Networks, camera: &Node) -> Troubl
             in_view => Trouble::NeverSaw(in_view),
         },
         (None | Some(Refusal::TooFew), few @ 1..=2) => Trouble::TooFew(few),
+        (Some(Refusal::Inconsistent), _) if causes::is_mirrored(record, camera) => {
+            Trouble::Mirrored
+        }
         (Some(refusal), _) => Trouble::Refused(refusal),
         (None, _) if waits => Trouble::NoReferences,
         (None, _) => Trouble::NoPose,
@@ -669,7 +678,11 @@ impl Trouble {
     fn is_hopeless(&self) -> bool {
         matches!(
             self,
-            Self::NeverJoined | Self::Fails(_) | Self::Silent(_) | Self::NeverSaw(InView::Sealed)
+            Self::NeverJoined
+                | Self::Fails(_)
+                | Self::Silent(_)
+                | Self::NeverSaw(InView::Sealed)
+                | Self::Mirrored
         )
     }
 }

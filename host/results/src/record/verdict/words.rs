@@ -220,6 +220,10 @@ impl Finding {
                 };
                 write!(f, ", predicted sigma {sigma_position:.3} {unit}: {advice}")
             }
+            Trouble::Mirrored => f.write_str(
+                "not calibrated: it hangs upside down, or its picture is mirrored; its sightings fit once left and \
+                 right are exchanged. Turn it over, then walk again",
+            ),
             Trouble::OtherLens(lens) => {
                 let projection = match lens.projection {
                     Projection::PinHole => "a pin-hole",
