@@ -17,7 +17,7 @@ use std::{
 use calib_core::{Refusal, Status};
 use node_firmware::message::Health;
 use results::record::{
-    RunRecord,
+    NodeMove, RunRecord,
     event::{Event, News, What},
     part::Part,
 };
@@ -323,6 +323,8 @@ struct CameraDocument<'a> {
     sigma_x: Option<f64>,
     sigma_y: Option<f64>,
     sigma_heading_deg: Option<f64>,
+    checked: bool,
+    moved: Option<NodeMove>,
     sightings: usize,
     member: bool,
     silent: bool,
@@ -351,6 +353,8 @@ fn camera(record: &RunRecord, id: u16) -> Option<String> {
         sigma_x: estimate.map(|own| own.sigma_x),
         sigma_y: estimate.map(|own| own.sigma_y),
         sigma_heading_deg: estimate.map(|own| own.sigma_heading_deg),
+        checked: node.is_checked(&record.limits),
+        moved: node.moved,
         sightings: node.sightings,
         member: node.address.is_some(),
         silent: node.silent,

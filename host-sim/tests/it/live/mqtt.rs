@@ -301,6 +301,8 @@ fn what_a_broker_keeps_is_the_record_of_the_one_stream() {
     let estimate = node.estimate.unwrap();
     assert_eq!(camera["camera"], 3);
     assert_eq!(camera["status"], "calibrated");
+    assert_eq!(camera["checked"], node.is_checked(&record.limits));
+    assert!(camera["moved"].is_null());
     // The whole building's frame, if the site's file tells it, and otherwise that of the network.
     match record.node_in_building(node) {
         Some(placed) => {
