@@ -66,6 +66,12 @@ function drawObstacle(svg, obstacle, index, unit) {
     class: is ? 'wall selected' : 'wall', points: points(outlineOf(obstacle)), tabindex: 0, role: 'button',
     'aria-label': `obstacle ${index + 1}`, 'aria-pressed': String(is), 'data-key': key,
   }, svg);
+  // Messages about an obstacle tell this number.
+  const [[x1, y1], [x2, y2]] = outlineOf(obstacle);
+  const middle = obstacle.is.pillar ? [obstacle.is.pillar.x, obstacle.is.pillar.y] : [(x1 + x2) / 2, (y1 + y2) / 2];
+  element('text', {
+    class: 'of-wall', x: middle[0] + unit, y: -middle[1] - unit, 'font-size': 2.4 * unit, 'aria-hidden': 'true',
+  }, svg, index + 1);
   const item = {kind: 'obstacle', index};
   line.addEventListener('pointerdown', grab(item, key, moveObstacleBy(index)));
   line.addEventListener('focus', () => pick(item));
