@@ -14,19 +14,21 @@ use board_facts::BOARDS;
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write};
 use host_sim::{
-    console::session::{Failure, frame},
+    console::{
+        session::{Failure, frame},
+        update as exchange,
+    },
     probe::port::{Port, PortError},
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::{
     console::{Frames, FromPc, ToPc},
     limits::CONSOLE_BAUD,
-    message::UpdatePacket,
 };
 use radio_update::{
     package::Package,
     packet::Phase,
-    sender::{Node, Sender, Transmit},
+    sender::{Node, Sender},
     stamp::{Stamp, board_number},
 };
 use site::key_file;
@@ -224,20 +226,10 @@ fn spread(line: &mut Line, package: Package, nodes: &Nodes) -> Result<ExitCode> 
     while !sender.is_done() {
         let now = line.now();
         for message in line.read()? {
-            match message {
-                ToPc::Update { address, packet } => {
-                    sender.on_packet(now, address, packet.bytes());
-                }
-                ToPc::UpdateSent => sender.on_sent(now),
-                _ => {}
-            }
+            exchange::hear(&mut sender, now, &message);
         }
-        while let Some(Transmit { to, packet }) = sender.poll(now) {
-            let packet = UpdatePacket::new(&packet).context("a packet has a length that fits")?;
-            line.send(&FromPc::Update {
-                to: to.unwrap_or(0xFFFF),
-                packet,
-            })?;
+        while let Some(message) = exchange::say(&mut sender, now) {
+            line.send(&message)?;
         }
         bar.set_position((blocks.saturating_sub(sender.waiting())) as u64);
         for (address, node) in sender.nodes() {

@@ -6,6 +6,8 @@
 //! |---|---|
 //! | [`session`] | Bytes in, bytes out: asks for everything, and for one wish after the other. |
 //! | [`output`] | The members as a table. |
+//! | [`update`] | An update by radio. |
 
 pub mod output;
 pub mod session;
+pub mod update;

@@ -170,14 +170,11 @@ mod tests {
         time::Duration,
     };
 
-    use node_firmware::{
-        console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
-        message::UpdatePacket,
-    };
+    use node_firmware::console::{FRAME_MAX, Frames, FromPc, ToPc, encode};
     use radio_update::{
         package::{Package, public_key},
         packet::Phase,
-        sender::{Sender, Transmit},
+        sender::Sender,
         stamp::STAMP,
     };
     use site::{Overrides, Scenario};
@@ -186,6 +183,7 @@ mod tests {
         super::{Options, SECOND, Simulation},
         *,
     };
+    use crate::console::update as exchange;
 
     const SECRET: [u8; 32] = [9; 32];
     const LENGTH: usize = 30_000;
@@ -296,17 +294,10 @@ mod tests {
                 let now = self.now() - begun;
                 assert!(now < Duration::from_secs(900), "{:?}", sender.nodes());
                 for message in self.listen() {
-                    match message {
-                        ToPc::Update { address, packet } => {
-                            sender.on_packet(now, address, packet.bytes());
-                        }
-                        ToPc::UpdateSent => sender.on_sent(now),
-                        _ => {}
-                    }
+                    exchange::hear(&mut sender, now, &message);
                 }
-                while let Some(Transmit { to, packet }) = sender.poll(now) {
-                    let (to, packet) = (to.unwrap_or(0xFFFF), UpdatePacket::new(&packet).unwrap());
-                    self.say(&FromPc::Update { to, packet });
+                while let Some(message) = exchange::say(&mut sender, now) {
+                    self.say(&message);
                 }
             }
             println!("{:?}", self.now() - begun);

@@ -14,11 +14,11 @@ pub fn nearest<'a>(name: &str, among: impl IntoIterator<Item = &'a str>) -> Opti
     (likeness(best) > LIKE).then_some(best)
 }
 
-/// Returns true if a name begins with the first letters of two words or more of another one, and goes on as that does or
+/// Returns true if a name begins with the first letters of three words or more of another one, and goes on as that does or
 /// ends: `fov_deg` and `fov` abbreviate `field_of_view_deg`.
 fn abbreviates(name: &str, known: &str) -> bool {
     let words: Vec<&str> = known.split('_').collect();
-    (2..=words.len()).any(|count| {
+    (3..=words.len()).any(|count| {
         let (first, rest) = words.split_at(count);
         let letters: String = first
             .iter()
@@ -48,7 +48,7 @@ mod tests {
         for abbreviated in ["fov", "fov_deg", "fovd"] {
             assert_eq!(nearest(abbreviated, keys), Some("field_of_view_deg"));
         }
-        for other in ["fo", "fov_rad", "_", ""] {
+        for other in ["fo", "_", ""] {
             assert_eq!(
                 nearest(other, ["field_of_view_deg", "height"]),
                 None,

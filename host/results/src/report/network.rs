@@ -157,7 +157,7 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
         writeln!(
             out,
             "Camera {}: its bearings also fit once left and right are exchanged. Let it see the target at another \
-             stop, or make sure that it hangs upright and that its picture is not mirrored.",
+             stop. If it surely hangs upright, and its picture is not mirrored, its pose holds.",
             camera.camera
         )?;
     }

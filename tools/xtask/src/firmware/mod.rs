@@ -191,8 +191,7 @@ pub(crate) fn build_updated(
     version: u32,
 ) -> Result<PathBuf> {
     let name = Name::of(board, roles, true);
-    let path = compile(sh, board.name, &name.file, &name.features)?;
-    let mut elf = fs::read(&path)?;
+    let (path, mut elf) = compile(sh, board.name, &name.file, &name.features)?;
     let length = flash_file::updated(board, &elf)
         .with_context(|| self::name(&path))?
         .len();
@@ -211,8 +210,9 @@ pub(crate) fn build_updated(
 pub(crate) fn loader(sh: &Shell) -> Result<PathBuf> {
     // With the image, which is built before: so their libraries are built once.
     let image = ["--package=nrf52840", "--features=nrf52840/update"].map(str::to_owned);
-    let path = compile(sh, "loader", "loader", &image)?;
-    let bytes = flash_file::loader(&board_facts::NRF52840_DK, &fs::read(&path)?)?;
+    let (path, elf) = compile(sh, "loader", "loader", &image)?;
+    replace(&path, &elf)?;
+    let bytes = flash_file::loader(&board_facts::NRF52840_DK, &elf)?;
     replace(&path.with_extension("bin"), &bytes)?;
     Ok(path)
 }
@@ -398,7 +398,9 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
 /// Builds an image with these roles, or with all, and returns its path.
 pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
     let name = Name::of(board, roles, false);
-    compile(sh, board.name, &name.file, &name.features)
+    let (path, elf) = compile(sh, board.name, &name.file, &name.features)?;
+    replace(&path, &elf)?;
+    Ok(path)
 }
 
 /// Name of the file of an image, and options for its features.
@@ -432,8 +434,8 @@ impl Name {
     }
 }
 
-/// Compiles the image of a package for the boards, and returns its path.
-fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<PathBuf> {
+/// Compiles the image of a package for the boards. Returns the path that it is to have, and the image.
+fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<(PathBuf, Vec<u8>)> {
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
     // Only here: other programs of this target have their own layout of the memory.
@@ -453,10 +455,8 @@ fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<P
     let lock = fs::File::create(folder.join("lock"))?;
     lock.lock()?;
     let built = built::program(&cargo.quiet().read()?, package)?;
-    let image = folder.join(format!("{name}.elf"));
-    let bytes = fs::read(&built).with_context(|| format!("{} is missing", built.display()))?;
-    replace(&image, &bytes)?;
-    Ok(image)
+    let elf = fs::read(&built).with_context(|| format!("{} is missing", built.display()))?;
+    Ok((folder.join(format!("{name}.elf")), elf))
 }
 
 /// Writes a file at once: a stage beside this one may read it just now.

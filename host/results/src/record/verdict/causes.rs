@@ -71,8 +71,13 @@ fn most(fits: impl Iterator<Item = Fit<f64>>) -> Option<f64> {
     ratio.filter(|_| sum(rest).degrees_of_freedom > 0 && sum(rest).is_bad())
 }
 
-/// Returns true if the sightings of a camera, which contradict each other, fit once left and right are exchanged.
+/// Returns true if the sightings of a camera, which contradict each other, fit once left and right are exchanged. As far as
+/// nodes know: a rehearsal's true places are no part of that.
 pub(super) fn is_mirrored(record: &RunRecord, camera: &Node) -> bool {
+    // Bearings of a camera that is not level are no directions on the floor.
+    if camera.mount.is_some() {
+        return false;
+    }
     let sightings = camera.residuals.iter().filter_map(|seen| {
         let stop = record.stop(seen)?;
         let (place, sigmas) = match stop.believed {
@@ -80,7 +85,8 @@ pub(super) fn is_mirrored(record: &RunRecord, camera: &Node) -> bool {
                 Point2::new(at.x, at.y),
                 Vector2::new(at.sigma_x, at.sigma_y),
             ),
-            None => (Point2::new(stop.x, stop.y), Vector2::zeros()),
+            None if record.seed.is_none() => (Point2::new(stop.x, stop.y), Vector2::zeros()),
+            None => return None,
         };
         let measured = record.sightings.iter().find_map(|all| {
             let is_it = |own: &&_| is_of(own, camera, seen);
