@@ -48,12 +48,8 @@ mod tests {
         for abbreviated in ["fov", "fov_deg", "fovd"] {
             assert_eq!(nearest(abbreviated, keys), Some("field_of_view_deg"));
         }
-        for other in ["fo", "_", ""] {
-            assert_eq!(
-                nearest(other, ["field_of_view_deg", "height"]),
-                None,
-                "{other}"
-            );
+        for other in ["fo", "fov_rad", "fd", "_", ""] {
+            assert!(!abbreviates(other, "field_of_view_deg"), "{other}");
         }
     }
 }
