@@ -109,6 +109,13 @@ impl<V: Copy> List<'_, V> {
     }
 }
 
+/// One in so many bearings, and in so many legs, may be left out, and one more.
+const LEFT_OUT: usize = 5;
+
+/// Ratio of the legs' errors to their claims, and most measurements beyond the unknowns, of an estimate that
+/// [is loose](JointEstimator::is_loose).
+const LOOSE: (f64, usize) = (4.0, 40);
+
 impl<'m, T: Real> JointEstimator<'m, T> {
     /// An estimator that knows of no stop yet. `baseline` is the distance between both references.
     ///
@@ -524,6 +531,13 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.common.leg_factor
     }
 
+    /// Returns true if tests of single measurements mean little, and protection levels with them: legs err by so much
+    /// more than they claim that this explains away what a test would find, and few measurements tell by how much.
+    pub fn is_loose(&self, solution: &JointSolution<T>) -> bool {
+        let (noise, degrees_of_freedom) = LOOSE;
+        self.leg_noise() >= lit(noise) && solution.fit.degrees_of_freedom <= degrees_of_freedom
+    }
+
     /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)
     /// then tells. No pass: from the covariances that the last solve told.
     ///
@@ -654,6 +668,31 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             .clone()
             .filter(|sight| sight.standing == Standing::Counts);
         [of.count(), counting.count()]
+    }
+
+    /// Returns true if so much was left out that the rest proves little: more than a fifth of all bearings or of all
+    /// legs, so that what remains may agree by being few; or the last bearings of this camera, several in a row: it may
+    /// have been moved, though it was not told as [moved](JointEstimator::moved).
+    #[inline(never)] // for less flash
+    pub fn is_selective(&self, camera: usize) -> bool {
+        let (mut left_out, mut latest) = (0, 0);
+        for sight in self.sights.all() {
+            left_out += usize::from(sight.standing == Standing::Excluded);
+            if usize::from(sight.camera) == camera {
+                latest = if sight.standing == Standing::Counts {
+                    0
+                } else {
+                    latest + 1
+                };
+            }
+        }
+        let slipped = { self.stops.all().iter() }
+            .filter(|stop| stop.standing == Standing::Excluded)
+            .count();
+        let is_much = |left_out, all| LEFT_OUT * left_out >= all + LEFT_OUT;
+        latest >= IN_A_ROW
+            || is_much(left_out, self.sights.all().len())
+            || is_much(slipped, self.stops.all().len())
     }
 
     /// The stop since which a camera's sightings are not its own, because it was moved, and the camera that

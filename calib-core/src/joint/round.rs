@@ -15,6 +15,9 @@ use crate::{
 
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
+/// The most by which all legs may err more than they claim, for a start.
+const LOOSEST: f64 = 4.0;
+
 /// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -90,6 +93,7 @@ impl<T: Real> Work<T> {
         self.stage = if problem.common.is_started {
             Stage::Settling(problem.begin_settling())
         } else {
+            problem.common.leg_factor = T::one();
             Stage::Starting(problem.begin_starting())
         };
     }
@@ -145,8 +149,17 @@ impl<T: Real> Work<T> {
                         Refusal::DidNotConverge,
                         Refusal::TargetBehind,
                     ];
-                    if contradicts.contains(&why) && self.begin_steeper(problem) {
-                        return Ok(Progress::Working);
+                    if contradicts.contains(&why) {
+                        // All legs may err more than they claim.
+                        problem.common.leg_factor *= lit(2.0);
+                        if problem.common.leg_factor <= lit(LOOSEST) {
+                            self.stage = Stage::Starting(problem.begin_starting());
+                            return Ok(Progress::Working);
+                        }
+                        problem.common.leg_factor = T::one();
+                        if self.begin_steeper(problem) {
+                            return Ok(Progress::Working);
+                        }
                     }
                     problem.pitch_references(T::zero());
                     Err(JointError::Start(why))

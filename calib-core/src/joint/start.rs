@@ -466,9 +466,10 @@ impl<T: Real> Problem<'_, T> {
             return false;
         }
         let scale = self.common.scale_prior;
+        let factor = self.common.leg_factor;
         let columns = [
-            Vector2::new(w11.recip(), -w21 / (w11 * w22)),
-            Vector2::new(T::zero(), w22.recip()),
+            Vector2::new(w11.recip(), -w21 / (w11 * w22)) * factor,
+            Vector2::new(T::zero(), factor / w22),
             stop.displacement * (scale.sigma.min(lit(VAGUE)) / scale.mean),
             quarter_turn(stop.displacement) * self.common.compass_prior.sigma.min(lit(VAGUE)),
         ];

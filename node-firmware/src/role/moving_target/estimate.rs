@@ -767,17 +767,21 @@ impl<'m> Estimate<'m> {
             Some(moved) => moved,
             None => (camera, self.estimator.pose(camera).ok()?),
         };
+        let is_reference = camera < frame.references.len();
         let inflation = solution.fit.inflation();
         let hung = self.estimator.levelness(camera, inflation);
         let widened = hung.map_or_else(Matrix3::zeros, |hung| hung.widening);
-        let protection = self.estimator.protection(camera).map(|levels| {
-            let level = ProtectionLevel::from(levels);
+        let mut joint = ProtectionLevel::OF_REFERENCE;
+        if !is_reference {
+            let levels = self.estimator.protection(camera).unwrap_or_default();
+            joint = ProtectionLevel::from(levels);
             let place = frame.covariance(pose.position).trace() + widened.m11 + widened.m22;
-            ProtectionLevel {
-                position: level.position + RARE as f32 * root(place),
-                heading: level.heading + RARE as f32 * root(frame.turned() + widened.m33),
+            joint.position += RARE as f32 * root(place);
+            joint.heading += RARE as f32 * root(frame.turned() + widened.m33);
+            if self.estimator.is_loose(solution) || !joint.is_usable() {
+                joint = ProtectionLevel::NONE;
             }
-        });
+        }
         let mut in_site = frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
             ..pose
@@ -785,7 +789,7 @@ impl<'m> Estimate<'m> {
         in_site.covariance += widened;
         // The place of a reference is the one that it was given, or says what the frame is: then nothing is estimated
         // of it but the distance to the second one. A target that restarts knows the frame by that.
-        if camera < frame.references.len() && (frame.is_given() || !frame.is_baseline_known()) {
+        if is_reference && (frame.is_given() || !frame.is_baseline_known()) {
             let c = in_site.covariance;
             let (along, with) = if camera == 1 && !frame.is_given() {
                 (c.m11, c.m13)
@@ -798,9 +802,10 @@ impl<'m> Estimate<'m> {
         let [came, count] = self.estimator.bearings_of(camera);
         // A camera that hangs upside down fits what is left. A moved one is not believed either.
         // The camera itself knows which pose is good enough, and checked.
-        let is_outvoted = !is_consensus(count, came, true);
-        let is_doubtful =
-            is_outvoted || self.estimator.is_ambiguous(camera) || (is_moved && !is_found);
+        let is_doubtful = !is_consensus(count, came, true)
+            || self.estimator.is_selective(camera)
+            || self.estimator.is_ambiguous(camera)
+            || is_moved && !is_found;
         let is_refused = is_frame_refused || hung.is_some_and(|hung| hung.is_refused());
         let state = if solution.fit.is_bad() || is_doubtful || is_refused {
             CameraState::Doubtful(parts)
@@ -814,11 +819,7 @@ impl<'m> Estimate<'m> {
             used: count.try_into().unwrap_or(u8::MAX),
             chi_squared: solution.fit.chi_squared,
             done: false,
-            joint: Some(
-                protection
-                    .filter(ProtectionLevel::is_usable)
-                    .unwrap_or(ProtectionLevel::NONE),
-            ),
+            joint: Some(joint),
             state,
             mount: hung.and_then(|hung| Mount::of(hung.mounting, hung.height)),
         })

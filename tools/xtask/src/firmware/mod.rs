@@ -34,6 +34,9 @@ const DIRECTORY: &str = "target/firmware";
 /// called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 40 or 60 less than that.
 const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
 
+/// Functions of the same instructions are linked once: no code compares addresses of functions.
+const FOLDING: &str = "-Clink-arg=--icf=all";
+
 /// Level of logs in images, for `defmt`: errors, unless this says something else.
 const LOG: &str = "DEFMT_LOG";
 
@@ -441,7 +444,7 @@ fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<(
     // Only here: other programs of this target have their own layout of the memory.
     let linker = format!("target.{TARGET}.linker='{}'", setup::LINKER);
     let mut flags = short_paths()?;
-    flags.push(format!("'{INLINING}'"));
+    flags.extend([INLINING, FOLDING].map(|flag| format!("'{flag}'")));
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
     let cargo = cmd!(
         sh,
