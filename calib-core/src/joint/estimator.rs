@@ -114,7 +114,7 @@ const LEFT_OUT: usize = 5;
 
 /// Ratio of the legs' errors to their claims, and most measurements beyond the unknowns, of an estimate that
 /// [is loose](JointEstimator::is_loose).
-const LOOSE: (f64, usize) = (4.0, 40);
+const LOOSE: (f64, usize) = (4.0, 90);
 
 impl<'m, T: Real> JointEstimator<'m, T> {
     /// An estimator that knows of no stop yet. `baseline` is the distance between both references.

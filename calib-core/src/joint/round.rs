@@ -16,7 +16,7 @@ use crate::{
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
 /// The most by which all legs may err more than they claim, for a start.
-const LOOSEST: f64 = 4.0;
+const LOOSEST: f64 = 2.0;
 
 /// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

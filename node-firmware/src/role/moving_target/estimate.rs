@@ -778,9 +778,9 @@ impl<'m> Estimate<'m> {
             let place = frame.covariance(pose.position).trace() + widened.m11 + widened.m22;
             joint.position += RARE as f32 * root(place);
             joint.heading += RARE as f32 * root(frame.turned() + widened.m33);
-            if self.estimator.is_loose(solution) || !joint.is_usable() {
-                joint = ProtectionLevel::NONE;
-            }
+        }
+        if self.estimator.is_loose(solution) || !joint.is_usable() {
+            joint = ProtectionLevel::NONE;
         }
         let mut in_site = frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
