@@ -89,20 +89,7 @@ impl<T: Real> Limits<T> {
     /// Returns true if a pose with these protection levels is checked: with one wrong measurement it errs no more
     /// than the least certain pose that is allowed may err by chance.
     pub fn tolerate(&self, position: T, heading: T) -> bool {
-        self.are_within(position, heading, RARE)
-    }
-
-    /// Returns true if next to nothing checks a pose with these protection levels: one wrong measurement could move it
-    /// by more than three times of what is [tolerated](Self::tolerate).
-    pub fn is_open(&self, position: T, heading: T) -> bool {
-        !self.are_within(position, heading, RARE * OPEN)
-    }
-
-    fn are_within(&self, position: T, heading: T, times: f64) -> bool {
-        position <= self.position * lit(times) && heading <= self.heading * lit(times)
+        let rare = lit::<T>(RARE);
+        position <= self.position * rare && heading <= self.heading * rare
     }
 }
-
-/// A protection level beyond so many times of what is tolerated is none. Of 59,469 calibrated poses of the campaign
-/// 265 had such a level, and of 142 that deceived 29.
-const OPEN: f64 = 3.0;

@@ -112,10 +112,6 @@ impl<V: Copy> List<'_, V> {
 /// One in so many bearings, and in so many legs, may be left out, and one more.
 const LEFT_OUT: usize = 5;
 
-/// Ratio of the legs' errors to their claims, and most measurements beyond the unknowns, of an estimate that
-/// [is loose](JointEstimator::is_loose).
-const LOOSE: (f64, usize) = (4.0, 90);
-
 impl<'m, T: Real> JointEstimator<'m, T> {
     /// An estimator that knows of no stop yet. `baseline` is the distance between both references.
     ///
@@ -529,13 +525,6 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// at first.
     pub fn leg_noise(&self) -> T {
         self.common.leg_factor
-    }
-
-    /// Returns true if tests of single measurements mean little, and protection levels with them: legs err by so much
-    /// more than they claim that this explains away what a test would find, and few measurements tell by how much.
-    pub fn is_loose(&self, solution: &JointSolution<T>) -> bool {
-        let (noise, degrees_of_freedom) = LOOSE;
-        self.leg_noise() >= lit(noise) && solution.fit.degrees_of_freedom <= degrees_of_freedom
     }
 
     /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)

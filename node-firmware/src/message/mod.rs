@@ -481,20 +481,9 @@ impl ProtectionLevel {
         heading: f32::MAX,
     };
 
-    /// The place of a reference is given: nothing checks that. Its heading is estimated with the frame.
-    pub const OF_REFERENCE: Self = Self {
-        heading: 0.0,
-        ..Self::NONE
-    };
-
     /// Returns true if a pose that may be so far off is [checked](Limits::tolerate) all the same.
     pub fn is_tolerated(&self, limits: &Limits<f32>) -> bool {
         limits.tolerate(self.position, self.heading)
-    }
-
-    /// Returns true if it is [no level](Limits::is_open) worth the name, and not that of a reference.
-    pub fn is_open(&self, limits: &Limits<f32>) -> bool {
-        self.heading > 0.0 && limits.is_open(self.position, self.heading)
     }
 
     /// Returns true if both numbers are finite and not below zero.
@@ -643,7 +632,6 @@ impl CameraState {
 
     /// The same, doubtful if too few of all sightings [agree](is_consensus) with a pose.
     #[must_use]
-    #[inline(never)] // for less flash
     pub fn supported(self, counting: usize, all: usize, is_checked: bool) -> Self {
         match self {
             Self::Calibrated(parts) | Self::Weak(parts)
@@ -651,15 +639,6 @@ impl CameraState {
             {
                 Self::Doubtful(parts)
             }
-            other => other,
-        }
-    }
-
-    /// The same, weak if [next to nothing checks](ProtectionLevel::is_open) the pose.
-    #[must_use]
-    pub fn checked(self, level: &ProtectionLevel, limits: &Limits<f32>) -> Self {
-        match self {
-            Self::Calibrated(parts) if level.is_open(limits) => Self::Weak(parts),
             other => other,
         }
     }

@@ -3,7 +3,6 @@
 mod any_input;
 mod cmucam2;
 mod facts;
-mod judgement;
 mod mishaps;
 mod networks;
 mod roles;

@@ -15,8 +15,8 @@ use crate::{
     limits::REFERENCE_STOPS,
     log::debug,
     message::{
-        CameraState, Duty, MemberAddress, PoseParts, ProtectionLevel, References, Report, Seen,
-        StopBearing, StopNumber, TargetLocation,
+        CameraState, Duty, MemberAddress, PoseParts, References, Report, Seen, StopBearing,
+        StopNumber, TargetLocation,
     },
     role::{CONTRADICTION, Unsaved, contradiction},
 };
@@ -357,11 +357,12 @@ impl CameraRole {
             Some(state) if report.duty.is_none() && solved.mount.is_none() => state,
             _ => {
                 let limits = self.config.weak.limits();
-                let level = solved.joint.unwrap_or(ProtectionLevel::NONE);
+                let is_checked = solved
+                    .joint
+                    .is_some_and(|level| level.is_tolerated(&limits));
                 let [counting, all] = [solved.used, solved.sightings].map(usize::from);
                 let state = solved.state.judged_again(&limits);
-                let state = state.supported(counting, all, level.is_tolerated(&limits));
-                state.checked(&level, &limits)
+                state.supported(counting, all, is_checked)
             }
         };
         let state = match state {

@@ -767,21 +767,17 @@ impl<'m> Estimate<'m> {
             Some(moved) => moved,
             None => (camera, self.estimator.pose(camera).ok()?),
         };
-        let is_reference = camera < frame.references.len();
         let inflation = solution.fit.inflation();
         let hung = self.estimator.levelness(camera, inflation);
         let widened = hung.map_or_else(Matrix3::zeros, |hung| hung.widening);
-        let mut joint = ProtectionLevel::OF_REFERENCE;
-        if !is_reference {
-            let levels = self.estimator.protection(camera).unwrap_or_default();
-            joint = ProtectionLevel::from(levels);
+        let protection = self.estimator.protection(camera).map(|levels| {
+            let level = ProtectionLevel::from(levels);
             let place = frame.covariance(pose.position).trace() + widened.m11 + widened.m22;
-            joint.position += RARE as f32 * root(place);
-            joint.heading += RARE as f32 * root(frame.turned() + widened.m33);
-        }
-        if self.estimator.is_loose(solution) || !joint.is_usable() {
-            joint = ProtectionLevel::NONE;
-        }
+            ProtectionLevel {
+                position: level.position + RARE as f32 * root(place),
+                heading: level.heading + RARE as f32 * root(frame.turned() + widened.m33),
+            }
+        });
         let mut in_site = frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
             ..pose
@@ -789,7 +785,7 @@ impl<'m> Estimate<'m> {
         in_site.covariance += widened;
         // The place of a reference is the one that it was given, or says what the frame is: then nothing is estimated
         // of it but the distance to the second one. A target that restarts knows the frame by that.
-        if is_reference && (frame.is_given() || !frame.is_baseline_known()) {
+        if camera < frame.references.len() && (frame.is_given() || !frame.is_baseline_known()) {
             let c = in_site.covariance;
             let (along, with) = if camera == 1 && !frame.is_given() {
                 (c.m11, c.m13)
@@ -819,7 +815,11 @@ impl<'m> Estimate<'m> {
             used: count.try_into().unwrap_or(u8::MAX),
             chi_squared: solution.fit.chi_squared,
             done: false,
-            joint: Some(joint),
+            joint: Some(
+                protection
+                    .filter(ProtectionLevel::is_usable)
+                    .unwrap_or(ProtectionLevel::NONE),
+            ),
             state,
             mount: hung.and_then(|hung| Mount::of(hung.mounting, hung.height)),
         })

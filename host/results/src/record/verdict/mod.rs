@@ -127,8 +127,6 @@ pub enum Trouble {
     OtherLens(NodeLens),
     /// It is not level, and its rows contradict each other: so they tell that it hangs.
     Tilted(NodeMount),
-    /// Next to nothing checks its pose, however small its predicted sigmas are.
-    Open,
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -367,11 +365,7 @@ impl Verdict {
                 troubles.into_iter().map(finding)
             })
             .collect();
-        let checkable = || {
-            record
-                .cameras()
-                .filter(|camera| camera.is_checkable(&record.limits))
-        };
+        let checkable = || record.cameras().filter(|camera| camera.is_checkable());
         let checked = || checkable().filter(|camera| camera.is_checked(&record.limits));
         let levels = checked().filter_map(|camera| camera.protection);
         let others = || record.nodes.iter().filter(|node| !node.is_camera());
@@ -459,9 +453,8 @@ fn remedies(record: &RunRecord) -> Vec<Instead> {
     let networks = record.networks.iter().map(|network| network.network);
     let found = networks.flat_map(|network| {
         let is_poor = |camera: &&Node| {
-            let is_unchecked =
-                camera.is_checkable(&record.limits) && !camera.is_checked(&record.limits);
-            camera.network == network && (checks::is_weak(camera, &record.limits) || is_unchecked)
+            let is_unchecked = camera.is_checkable() && !camera.is_checked(&record.limits);
+            camera.network == network && (checks::is_weak(camera) || is_unchecked)
         };
         let poor: Vec<&Node> = record.cameras().filter(is_poor).collect();
         checks::remedies(record, network, &poor)
@@ -481,7 +474,7 @@ struct Unchecked {
 fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     let own = || record.cameras().filter(|camera| camera.network == network);
     let unchecked: Vec<&Node> = own()
-        .filter(|camera| camera.is_checkable(&record.limits) && !camera.is_checked(&record.limits))
+        .filter(|camera| camera.is_checkable() && !camera.is_checked(&record.limits))
         .collect();
     if unchecked.is_empty() {
         return Unchecked::default();
@@ -538,7 +531,6 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
                 .filter(|_| camera.used < camera.sightings)
                 .map(|_| [camera.used, camera.sightings]),
         }),
-        Some(Status::Weak) if camera.is_open(&record.limits) => troubles.push(Trouble::Open),
         Some(Status::Weak) => troubles.push(Trouble::Weak {
             sigma_position,
             sigma_heading_deg: estimate.sigma_heading_deg,

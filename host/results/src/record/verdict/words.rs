@@ -248,9 +248,6 @@ impl Finding {
                     pitch_deg.abs()
                 )
             }
-            Trouble::Open => f.write_str(
-                "not calibrated: weak: next to nothing would tell of a wrong measurement",
-            ),
             Trouble::Weak {
                 sigma_position,
                 sigma_heading_deg,
