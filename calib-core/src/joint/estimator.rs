@@ -667,7 +667,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         let (mut left_out, mut latest) = (0, 0);
         for sight in self.sights.all() {
             left_out += usize::from(sight.standing == Standing::Excluded);
-            if usize::from(sight.camera) == camera {
+            // A stop of which bearing and range are left out is one.
+            if usize::from(sight.camera) == camera && sight.is_bearing() {
                 latest = if sight.standing == Standing::Counts {
                     0
                 } else {
