@@ -128,8 +128,9 @@ impl<T: Real> Place<T> {
     /// their numbers do not tell, the caller must.
     pub fn covariance_with(&self, other: &Self) -> Matrix2<T> {
         let (a, b) = (&self.0, &other.0);
-        let systematic =
-            Systematic::covariance((&a.systematic, a.walked), (&b.systematic, b.walked));
+        let systematic = a
+            .systematic
+            .covariance_with(a.walked, &b.systematic, b.walked);
         if steps_between(a, b).is_none() {
             return systematic;
         }
@@ -148,8 +149,7 @@ impl<T: Real> Place<T> {
         let Some(between) = steps_between(a, b) else {
             return self.covariance();
         };
-        let way = (&a.systematic, a.walked - b.walked);
-        between + Systematic::covariance(way, way) + self.standing()
+        between + a.systematic.covariance(a.walked - b.walked) + self.standing()
     }
 
     fn standing(&self) -> Matrix2<T> {

@@ -104,13 +104,15 @@ impl<T: Real> Systematic<T> {
 
     /// Cross-covariance of two displacements of one walk, each with its sigmas. These are equal
     /// unless a sensor was calibrated in between; the product keeps the joint covariance one.
-    pub fn covariance(
-        (ours, a): (&Self, Vector2<T>),
-        (theirs, b): (&Self, Vector2<T>),
-    ) -> Matrix2<T> {
-        let turned = plane::quarter_turn(a) * plane::quarter_turn(b).transpose();
-        turned * (ours.heading_sigma * theirs.heading_sigma)
-            + a * b.transpose() * (ours.scale_sigma * theirs.scale_sigma)
+    pub fn covariance_with(&self, way: Vector2<T>, other: &Self, its: Vector2<T>) -> Matrix2<T> {
+        let turned = plane::quarter_turn(way) * plane::quarter_turn(its).transpose();
+        turned * (self.heading_sigma * other.heading_sigma)
+            + way * its.transpose() * (self.scale_sigma * other.scale_sigma)
+    }
+
+    /// Covariance of a displacement.
+    pub fn covariance(&self, way: Vector2<T>) -> Matrix2<T> {
+        self.covariance_with(way, self, way)
     }
 }
 
@@ -366,10 +368,9 @@ impl<T: Real> Track<T> {
         }
         let (now, then) = (&self.since_fix, &earlier.since_fix);
         let vector = now.walked - then.walked;
-        let way = (&self.systematic, vector);
         Some(Displacement {
             vector,
-            covariance: now.random - then.random + Systematic::covariance(way, way),
+            covariance: now.random - then.random + self.systematic.covariance(vector),
         })
     }
 }

@@ -4,7 +4,8 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, Solver, StopPlace, Undetermined,
+    Lens, Move, Progress, ProtectionLevels, ReferenceHeadings, Round, Solver, StopPlace,
+    Undetermined,
     equations::Layout,
     integrity::IN_A_ROW,
     problem::{
@@ -659,14 +660,22 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         [of.count(), counting.count()]
     }
 
+    /// Number of bearings and ranges that are left out, and of legs.
+    #[inline(never)] // for less flash
+    pub fn left_out(&self) -> [usize; 2] {
+        let bearings =
+            { self.sights.all().iter() }.filter(|sight| sight.standing == Standing::Excluded);
+        let legs = { self.stops.all().iter() }.filter(|stop| stop.standing == Standing::Excluded);
+        [bearings.count(), legs.count()]
+    }
+
     /// Returns true if so much was left out that the rest proves little: more than a fifth of all bearings or of all
     /// legs, so that what remains may agree by being few; or the last bearings of this camera, several in a row: it may
     /// have been moved, though it was not told as [moved](JointEstimator::moved).
     #[inline(never)] // for less flash
     pub fn is_selective(&self, camera: usize) -> bool {
-        let (mut left_out, mut latest) = (0, 0);
+        let mut latest = 0;
         for sight in self.sights.all() {
-            left_out += usize::from(sight.standing == Standing::Excluded);
             // A stop of which bearing and range are left out is one.
             if usize::from(sight.camera) == camera && sight.is_bearing() {
                 latest = if sight.standing == Standing::Counts {
@@ -676,21 +685,21 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 };
             }
         }
-        let slipped = { self.stops.all().iter() }
-            .filter(|stop| stop.standing == Standing::Excluded)
-            .count();
+        let [left_out, slipped] = self.left_out();
         let is_much = |left_out, all| LEFT_OUT * left_out >= all + LEFT_OUT;
         latest >= IN_A_ROW
             || is_much(left_out, self.sights.all().len())
             || is_much(slipped, self.stops.all().len())
     }
 
-    /// The stop since which a camera's sightings are not its own, because it was moved, and the camera that
-    /// it has become, if that was [told](JointEstimator::split). A leg that is found to have slipped may
-    /// explain what looked like a move: then it was none.
-    pub fn moved(&self, camera: usize) -> Option<(usize, Option<usize>)> {
+    /// The move of a camera, if one was found. A leg that is found to have slipped may explain what looked like a
+    /// move: then it was none.
+    pub fn moved(&self, camera: usize) -> Option<Move> {
         let unknown = self.cameras.get(camera)?;
-        Some((unknown.moved?.into(), unknown.successor.map(usize::from)))
+        Some(Move {
+            since: unknown.moved?.into(),
+            successor: unknown.successor.map(usize::from),
+        })
     }
 
     /// Stops at which both cameras saw the target. Three are enough for a frame between them.

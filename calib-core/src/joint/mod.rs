@@ -429,6 +429,17 @@ pub enum Finding<T> {
     },
 }
 
+/// A move of a camera during the walk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Move {
+    /// The first stop whose sightings are not of its former pose.
+    pub since: usize,
+    /// The camera that it has become, if that was [told](JointEstimator::split).
+    pub successor: Option<usize>,
+}
+
 /// Bound on the error of a camera's pose although one measurement is wrong and no test notices it: at most so
 /// much in 999 of 1,000 cases. Many times its sigmas where nothing checks a measurement on which it rests.
 #[derive(Clone, Copy, Debug, PartialEq)]

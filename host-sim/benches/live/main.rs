@@ -83,7 +83,7 @@ async fn hour() -> bool {
 }
 
 async fn drawing() -> bool {
-    println!("\n1,000 cameras while somebody zooms and moves about");
+    println!("\n1,000 cameras while a user zooms and moves about");
     let browser = Browser::start(1280).await;
     let page = browser.profile.path().join("thousand.html");
     fs::write(&page, thousand::report(1000)).unwrap();

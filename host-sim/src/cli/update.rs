@@ -211,7 +211,7 @@ fn list(line: &mut Line, arguments: &Arguments) -> Result<Nodes> {
 /// Spreads a package, and tells how it went.
 fn spread(line: &mut Line, package: Package, nodes: &Nodes) -> Result<ExitCode> {
     let stamp = package.stamp().context("a package has a header")?;
-    let (_, blocks) = package.blocks();
+    let blocks = package.blocks();
     tell(format_args!(
         "Version {} for {} nodes, {blocks} blocks.",
         stamp.version,

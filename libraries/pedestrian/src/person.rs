@@ -165,11 +165,11 @@ impl<T: Real> Pedestrian<T> {
             self.waiting.drop_unconfirmed();
             self.run = 0;
         }
-        let (distance, distance_sigma) = self.settings.length.length(swing.amplitude);
+        let distance = self.settings.length.length(swing.amplitude);
         self.waiting.push(Step {
             distance,
             heading,
-            distance_sigma,
+            distance_sigma: self.settings.length.sigma(distance),
             heading_sigma: self.independent_heading_sigma(swing.interval),
         });
         self.run = self.run.saturating_add(1);

@@ -73,10 +73,14 @@ impl<T: Real> StepLength<T> {
         ])
     }
 
-    /// Length of a step and its standard deviation. `swing` in m/s^2; below zero counts as zero.
-    pub fn length(&self, swing: T) -> (T, T) {
-        let length = self.k * swing.max(T::zero()).sqrt().sqrt();
-        (length, length * self.relative_sigma)
+    /// Length of a step. `swing` in m/s^2; below zero counts as zero.
+    pub fn length(&self, swing: T) -> T {
+        self.k * swing.max(T::zero()).sqrt().sqrt()
+    }
+
+    /// Standard deviation of a step of that length.
+    pub fn sigma(&self, length: T) -> T {
+        length * self.relative_sigma
     }
 
     /// The model for a person who walked a known distance: straight on, 20 steps or more, at the
@@ -112,16 +116,17 @@ mod tests {
     #[test]
     fn sixteen_times_the_swing_is_twice_the_step() {
         let model = StepLength::<f64>::default();
-        let (one, sigma) = model.length(1.0);
+        let one = model.length(1.0);
+        let sigma = model.sigma(one);
         assert_eq!((one, sigma), (0.45, 0.45 * 0.1));
-        assert!((model.length(16.0).0 - 0.9).abs() < 1e-15);
-        assert_eq!(model.length(-1.0), (0.0, 0.0));
+        assert!((model.length(16.0) - 0.9).abs() < 1e-15);
+        assert_eq!(model.length(-1.0), 0.0);
     }
 
     #[test]
     fn calibration_makes_the_walk_as_long_as_it_was() {
         let swings = [3.0, 4.5, 5.1, 4.9, 5.3_f64];
-        let walk = |m: StepLength<f64>| swings.iter().map(|&s| m.length(s).0).sum::<f64>();
+        let walk = |m: StepLength<f64>| swings.iter().map(|&s| m.length(s)).sum::<f64>();
         let before = StepLength::default();
         let after = before.calibrated(walk(before), 4.0).unwrap();
         assert!((walk(after) - 4.0).abs() < 1e-12);

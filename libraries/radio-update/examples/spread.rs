@@ -104,6 +104,6 @@ fn main() {
         sender.on_sent(now);
         now += Duration::from_millis(5);
     }
-    let (_, blocks) = sender.package().blocks();
+    let blocks = sender.package().blocks();
     println!("{} blocks were sent for {blocks}", sender.sent().blocks);
 }

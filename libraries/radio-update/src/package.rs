@@ -236,16 +236,19 @@ mod made {
             Some(Header::parse(&self.header)?.stamp)
         }
 
-        /// Blocks of its header, and of all.
-        pub fn blocks(&self) -> (usize, usize) {
-            let header = self.header.len().div_ceil(BLOCK);
-            (header, header + self.image.len().div_ceil(BLOCK))
+        /// Number of blocks of its header.
+        pub fn header_blocks(&self) -> usize {
+            self.header.len().div_ceil(BLOCK)
+        }
+
+        /// Number of blocks, those of its header included.
+        pub fn blocks(&self) -> usize {
+            self.header_blocks() + self.image.len().div_ceil(BLOCK)
         }
 
         /// A block of it: of its header, and then of its image.
         pub fn block(&self, number: usize) -> [u8; BLOCK] {
-            let (header, _) = self.blocks();
-            let (bytes, number) = match number.checked_sub(header) {
+            let (bytes, number) = match number.checked_sub(self.header_blocks()) {
                 None => (&self.header, number),
                 Some(number) => (&self.image, number),
             };

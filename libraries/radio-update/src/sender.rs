@@ -345,7 +345,7 @@ impl Sender {
     /// Sends the header twice, before any node is asked, and lets nodes erase their pages.
     fn begin(&mut self) {
         self.stage = Stage::Spread;
-        let (header, _) = self.package.blocks();
+        let header = self.package.header_blocks();
         for _ in 0..2 {
             self.offer(None, NO_ANSWER, Duration::ZERO);
             (0..header as u16).for_each(|block| self.push_blocks(&[block]));
@@ -431,7 +431,7 @@ impl Sender {
     /// The blocks that are to be sent, those together that no node misses two of.
     fn plan(&self) -> Vec<Vec<u16>> {
         let wants: Vec<_> = self.nodes.values().filter(|node| node.is_open()).collect();
-        let (header, all) = self.package.blocks();
+        let (header, all) = (self.package.header_blocks(), self.package.blocks());
         let words = wants.len().div_ceil(64);
         let mut done = Vec::new();
         let mut open: VecDeque<(Vec<u16>, Vec<u64>)> = VecDeque::new();

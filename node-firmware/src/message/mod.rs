@@ -481,6 +481,11 @@ impl ProtectionLevel {
         heading: f32::MAX,
     };
 
+    /// Returns true if [nothing checks it](Self::NONE).
+    pub fn is_none(&self) -> bool {
+        self.position == f32::MAX
+    }
+
     /// Returns true if a pose that may be so far off is [checked](Limits::tolerate) all the same.
     pub fn is_tolerated(&self, limits: &Limits<f32>) -> bool {
         limits.tolerate(self.position, self.heading)
@@ -619,13 +624,22 @@ impl CameraState {
         }
     }
 
-    /// The same by other limits.
+    /// The same by other limits, weak at best if it [is not tested](Report::is_tested).
     #[must_use]
-    pub fn judged_again(self, limits: &Limits<f32>) -> Self {
+    pub fn judged_again(self, limits: &Limits<f32>, is_tested: bool) -> Self {
         match self {
-            Self::Calibrated(parts) | Self::Weak(parts) => {
+            Self::Calibrated(parts) | Self::Weak(parts) if is_tested => {
                 Self::judged(parts, &Fit::default(), limits)
             }
+            other => other.untested(),
+        }
+    }
+
+    /// The same, weak at best.
+    #[must_use]
+    pub const fn untested(self) -> Self {
+        match self {
+            Self::Calibrated(parts) => Self::Weak(parts),
             other => other,
         }
     }
@@ -683,6 +697,16 @@ impl CameraState {
 }
 
 impl Report {
+    /// Returns true if more than its own sightings speak for the pose. A reference's own solve takes it for granted that
+    /// neither was moved, until a target has estimated both with everything else; and of a camera an estimate may
+    /// [tell no level](ProtectionLevel::NONE). Without an estimate, its sightings of a target that knows its place count.
+    pub fn is_tested(&self) -> bool {
+        match self.joint {
+            Some(level) => self.duty.is_some() || !level.is_none(),
+            None => self.duty.is_none(),
+        }
+    }
+
     /// Returns true if chi squared is finite and not below zero.
     pub fn is_usable(&self) -> bool {
         self.chi_squared.is_finite()

@@ -3,6 +3,7 @@
 mod any_input;
 mod cmucam2;
 mod facts;
+mod judgement;
 mod mishaps;
 mod networks;
 mod roles;

@@ -14,8 +14,8 @@ use node_firmware::{
     limits::SIGHTINGS,
     message::{
         CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame,
-        Duty, Hello, MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight,
-        Stopped,
+        Duty, Hello, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
+        Report, Seen, Sight, Stopped,
     },
     role::{
         Role, camera,
@@ -175,7 +175,7 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
             used: 4,
             chi_squared: 1.0,
             done: true,
-            joint: None,
+            joint: duty.map(|_| ProtectionLevel::NONE),
             state,
             mount: None,
         })));

@@ -245,7 +245,8 @@ fn a_weak_pose_asks_for_more() {
     let (done, weak): (Vec<&Report>, Vec<&Report>) = reports.iter().partition(|report| report.done);
     assert!(!weak.is_empty());
     assert!(weak.iter().all(|r| r.status() == Status::Weak), "{weak:?}");
-    assert!(done.iter().all(|r| r.status() == Status::Calibrated));
+    // References are weak here, where no target estimates, and need no more stops.
+    assert!(done.iter().all(|r| r.duty.is_some()));
     // Sightings are kept.
     assert!(sightings(&net).iter().all(|&n| n >= 3));
     net.walk_to(18);

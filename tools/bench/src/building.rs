@@ -24,7 +24,10 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         let scenario = Scenario::from_toml(&building(cameras, cell), &changes)?;
         let record = Simulation::new(scenario, Options::default())?.run(|_| ());
         let summary = &record.summary;
-        let errors = summary.cameras.as_ref().context("nobody was calibrated")?;
+        let errors = summary
+            .cameras
+            .as_ref()
+            .context("no camera was calibrated")?;
         let share = summary.calibrated as f64 / summary.expected as f64;
         // Others have poses too, and say that these are weak.
         sheet.figure(
@@ -43,7 +46,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         );
         let deceives = Verdict::of(&record).deceives;
         sheet.figure(
-            "somebody is deceived",
+            "a camera deceives",
             f64::from(u8::from(deceives)),
             "",
             &Goal::AtMost(0.0),

@@ -18,7 +18,8 @@ const FUNCTIONS: &str = "memory-functions";
 /// And one that prints results to compare between machines.
 const RESULTS: &str = "results";
 
-struct Processor {
+/// A processor that an emulator has.
+pub(crate) struct Processor {
     name: &'static str,
     target: &'static str,
     machine: Machine,
@@ -26,7 +27,8 @@ struct Processor {
     results: fn(&mut String) -> fmt::Result,
 }
 
-const PROCESSORS: [Processor; 2] = [
+/// The boards' own, and the least that libraries are for.
+pub(crate) const PROCESSORS: [Processor; 2] = [
     Processor {
         name: "Cortex-M4F",
         target: "thumbv7em-none-eabihf",
@@ -66,10 +68,10 @@ pub(crate) struct Measurement {
     pub(crate) max: u64,
 }
 
-/// Builds the bench for each processor, runs it there, and returns all counts in its order.
-pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
+/// Builds the bench for each of these processors, runs it there, and returns all counts in its order.
+pub(crate) fn run(sh: &Shell, processors: &[Processor]) -> Result<Vec<Measurement>> {
     let mut measurements = Vec::new();
-    for processor in &PROCESSORS {
+    for processor in processors {
         let image = build(sh, processor, PACKAGE)?;
         let output = qemu::run(&processor.machine, &image)
             .with_context(|| format!("counting instructions on a {}", processor.name))?;
@@ -107,12 +109,15 @@ pub(crate) fn within_budget(measurements: &[Measurement]) -> Result<()> {
     Ok(())
 }
 
-/// A Markdown table: a row per routine, a column per processor.
+/// A Markdown table: a row per routine, a column per processor that was measured.
 pub(crate) fn table(measurements: &[Measurement]) -> Table {
     let mut table = Table::new();
     table.load_style(ASCII_MARKDOWN);
-    let processors = PROCESSORS.map(|processor| processor.name);
-    let heads = processors.map(|name| format!("{name}: min / median / max"));
+    let mut processors = PROCESSORS.map(|processor| processor.name).to_vec();
+    processors.retain(|name| measurements.iter().any(|m| m.processor == *name));
+    let heads = processors
+        .iter()
+        .map(|name| format!("{name}: min / median / max"));
     table.set_header(["instructions of".to_owned()].into_iter().chain(heads));
 
     let mut routines: Vec<&str> = Vec::new();
@@ -122,10 +127,10 @@ pub(crate) fn table(measurements: &[Measurement]) -> Table {
         }
     }
     for routine in routines {
-        let cells = processors.map(|processor| {
+        let cells = processors.iter().map(|processor| {
             measurements
                 .iter()
-                .find(|m| m.processor == processor && m.routine == routine)
+                .find(|m| m.processor == *processor && m.routine == routine)
                 .map_or_else(String::new, |m| {
                     format!("{} / {} / {}", m.min, m.median, m.max)
                 })

@@ -228,7 +228,7 @@ fn bench_page(sh: &Shell) -> anyhow::Result<()> {
 fn count_instructions(sh: &Shell) -> anyhow::Result<()> {
     setup::targets(sh)?;
     setup::packages(sh)?;
-    let measurements = cortex_m::run(sh)?;
+    let measurements = cortex_m::run(sh, &cortex_m::PROCESSORS)?;
     println!("{}", cortex_m::table(&measurements));
     cortex_m::within_budget(&measurements)
 }

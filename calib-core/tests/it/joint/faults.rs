@@ -445,5 +445,6 @@ fn too_much_that_is_left_out_is_told() {
         joint.solve().unwrap();
         check(&mut joint);
         assert_eq!(!joint.is_selective(0), is_coherent, "{every}");
+        assert_eq!(joint.left_out() == [0, 0], every == usize::MAX);
     }
 }

@@ -148,20 +148,32 @@ impl Witness {
         serde_json::from_str(&self.text(topic).expect(topic)).unwrap()
     }
 
+    /// The last messages of all topics that have a lasting state: the others come once, to those who are there.
+    fn lasting(&self) -> BTreeMap<String, String> {
+        let seen = self.seen.lock().unwrap();
+        let all = seen.now.iter().filter(|(topic, _)| {
+            let event = topic.split_once("/events/").map(|(_, kind)| kind);
+            event.is_none_or(|kind| {
+                kind.contains('/') || ["obstacles", "traffic", "verdict", "end"].contains(&kind)
+            })
+        });
+        all.map(|(topic, text)| (topic.clone(), text.clone()))
+            .collect()
+    }
+
     fn until(&self, topic: &str, holds: impl Fn(&str) -> bool) {
         wait_until(|| self.text(topic).is_some_and(|text| holds(&text)));
     }
 
     /// The record that the messages of a publisher come to.
     fn record(&self, publisher: &str) -> RunRecord {
-        let seen = self.seen.lock().unwrap();
-        let begin = &seen.now[&format!("building/{publisher}/begin")];
+        let lasting = self.lasting();
+        let begin = &lasting[&format!("building/{publisher}/begin")];
         let events = format!("building/{publisher}/events/");
-        let others = seen.now.iter().filter(|(topic, _)| {
-            // Others have no lasting state.
-            topic.strip_prefix(&events).is_some_and(|kind| {
-                kind.contains('/') || ["obstacles", "traffic", "end"].contains(&kind)
-            })
+        let others = lasting.iter().filter(|(topic, _)| {
+            topic
+                .strip_prefix(&events)
+                .is_some_and(|kind| kind != "verdict")
         });
         let all = [begin].into_iter().chain(others.map(|(_, text)| text));
         let all: Vec<_> = all.map(|text| Event::from_line(text).unwrap()).collect();
@@ -282,10 +294,7 @@ fn what_a_broker_keeps_is_the_record_of_the_one_stream() {
     let mut readers = std::iter::repeat_with(|| {
         let late = broker.witness();
         late.until("building/all/events/end", |_| true);
-        wait_until(|| {
-            let all = witness.seen.lock().unwrap().now.clone();
-            late.seen.lock().unwrap().now == all
-        });
+        wait_until(|| late.lasting() == witness.lasting());
         late
     });
     let late = readers
@@ -412,10 +421,7 @@ fn what_is_gone_is_taken_back() {
     }
     let late = broker.witness();
     late.until("building/all/events/end", |_| true);
-    wait_until(|| {
-        let now = late.seen.lock().unwrap().now.clone();
-        now == witness.seen.lock().unwrap().now
-    });
+    wait_until(|| late.lasting() == witness.lasting());
     assert!(late.text("building/all/camera/4").is_some());
     assert!(late.text("building/all/camera/8").is_none());
 }

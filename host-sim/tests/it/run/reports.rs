@@ -5,7 +5,7 @@ use host_sim::network::{Options, Simulation};
 use nalgebra::Point2;
 use results::export::{self, Frame};
 use results::record::{
-    Failure, Node, RunRecord, Tracking,
+    Failure, Node, Protection, RunRecord, Tracking,
     summary::Summary,
     verdict::{Common, Finding, InView, Trouble, Verdict},
 };
@@ -860,4 +860,34 @@ fn parts_of_a_report_have_one_blank_line_between_them() {
             assert!(text.ends_with('\n') && !text.ends_with("\n\n"), "{text:?}");
         }
     }
+}
+
+/// A camera of small sigmas that is only weak: stops are to check its pose, not to make it surer.
+#[test]
+fn a_pose_that_too_little_tests_is_no_calibrated_one() {
+    let mut record = Sample::default().run();
+    for node in record.nodes.iter_mut().filter(|node| node.id == 11) {
+        node.status = Some(Status::Weak);
+        node.protection = Some(Protection {
+            position: 9.0,
+            heading_deg: 60.0,
+        });
+    }
+    record.summary = Summary::of(&record.nodes);
+    let verdict = Verdict::of(&record);
+    let of_it = verdict.findings.iter().filter(|found| found.camera == 11);
+    let troubles: Vec<_> = of_it.map(|found| &found.trouble).collect();
+    assert!(
+        troubles.contains(&&Trouble::Untested {
+            is_reference: false
+        }),
+        "{troubles:?}"
+    );
+    let is_weak = |trouble: &&&Trouble| matches!(trouble, Trouble::Weak { .. });
+    assert_eq!(troubles.iter().filter(is_weak).count(), 0, "{troubles:?}");
+    let told = verdict.to_string();
+    let words = "camera 11: not calibrated: weak: it hangs on a single measurement, and several others were wrong";
+    assert!(told.contains(words), "{told}");
+    assert!(told.contains("could move it by 9.00 units"), "{told}");
+    assert_eq!(verdict.exit_code(), 1);
 }

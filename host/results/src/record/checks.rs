@@ -16,7 +16,7 @@ use site::planner::{
 use site::world::{Sight, World};
 
 use super::{
-    Node, RunRecord, Target,
+    Limits, Node, RunRecord, Target,
     next_stop::{MOST, RADIUS, UNSEEN, obstacles, stands},
     sightings::Sightings,
     standing::Standing,
@@ -99,9 +99,10 @@ pub(super) struct Weak {
     pub(super) instead: Vec<Instead>,
 }
 
-/// Returns true if a camera has a pose that is only less certain than asked for.
-pub(super) fn is_weak(camera: &Node) -> bool {
-    camera.status == Some(Status::Weak) && camera.estimate.is_some()
+/// Returns true if a camera has a pose that is only less certain than asked for. One that is certain enough, and
+/// weak because [too little tests it](Node::is_untested), wants what unchecked ones want.
+pub(super) fn is_weak(camera: &Node, limits: &Limits) -> bool {
+    camera.status == Some(Status::Weak) && camera.estimate.is_some() && !camera.is_untested(limits)
 }
 
 /// Keeps of these stops those that help weak cameras, none of them a reference, or that others want, and finds others
@@ -202,7 +203,11 @@ pub struct Checked {
 impl Checked {
     /// Of a run.
     pub fn of(record: &RunRecord) -> Self {
-        let checkable = || record.cameras().filter(|camera| camera.is_checkable());
+        let checkable = || {
+            record
+                .cameras()
+                .filter(|camera| camera.is_checkable(&record.limits))
+        };
         let checked = checkable().filter(|camera| camera.is_checked(&record.limits));
         let mut counts = Self {
             poses: [checked.count(), checkable().count()],
@@ -238,8 +243,11 @@ impl<'a> Walk<'a> {
     /// The walk with most stops, with weak cameras too or without.
     fn longest(record: &'a RunRecord, network: u16, with_weak: bool) -> Option<Self> {
         let own = |node: &&Node| node.network == network && node.estimate.is_some();
-        let is_sound =
-            |node: &&Node| (node.is_calibrated() || with_weak && is_weak(node)) && !node.reference;
+        let limits = &record.limits;
+        let is_sound = |node: &&Node| {
+            let is_sure = node.is_calibrated() || node.is_untested(limits);
+            (is_sure || with_weak && is_weak(node, limits)) && !node.reference
+        };
         let cameras = || record.cameras().filter(own);
         let references: Vec<&Node> = cameras().filter(|camera| camera.reference).collect();
         let target = { record.targets.iter() }
@@ -379,7 +387,7 @@ impl Walk<'_> {
                 let node = self.cameras[index];
                 // The model's own numbers are a little off those of the target: shares are not.
                 Some(match node.status {
-                    Some(Status::Weak) => {
+                    Some(Status::Weak) if is_weak(node, &self.record.limits) => {
                         let from = node.estimate?.sigma_position();
                         let begun = self.known.sigma(index)?;
                         Gain {

@@ -755,13 +755,23 @@ impl Node {
 
     /// Returns true if its pose is estimated, and reliable but for what is not checked. Only then it matters
     /// whether it [is checked](Self::is_checked). The place of a reference is given.
-    pub fn is_checkable(&self) -> bool {
-        self.expected && !self.reference && self.is_calibrated()
+    pub fn is_checkable(&self, limits: &Limits) -> bool {
+        self.expected && !self.reference && (self.is_calibrated() || self.is_untested(limits))
+    }
+
+    /// Returns true if its pose is certain enough, and all the same no more than weak: no target has estimated this
+    /// reference, or the pose hangs on a single measurement where several others were wrong.
+    pub fn is_untested(&self, limits: &Limits) -> bool {
+        let is_certain = |estimate: &Estimate| {
+            estimate.sigma_position() <= limits.sigma_position
+                && estimate.sigma_heading_deg <= limits.sigma_heading_deg
+        };
+        self.status == Some(Status::Weak) && self.estimate.as_ref().is_some_and(is_certain)
     }
 
     /// Returns true if one unnoticed wrong measurement could do [no harm](Limits::tolerate) to its pose.
     pub fn is_checked(&self, limits: &Limits) -> bool {
-        self.is_checkable() && self.protection.is_some_and(|level| limits.tolerate(&level))
+        self.is_checkable(limits) && self.protection.is_some_and(|level| limits.tolerate(&level))
     }
 
     /// Returns true if it is a camera that counts as calibrated.

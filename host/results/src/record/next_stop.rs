@@ -53,7 +53,7 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
     let stops = informative(record, network, wishes);
     let weak = wishes.iter().map(|wish| wish.camera);
     // Places of references are given: only their own headings can be better known.
-    let weak = weak.filter(|camera| checks::is_weak(camera) && !camera.reference);
+    let weak = weak.filter(|camera| checks::is_weak(camera, &record.limits) && !camera.reference);
     let weak: Vec<&Node> = weak.collect();
     let checks::Weak { stops, instead } = checks::weak(record, network, stops, &weak);
     Proposed { stops, instead }

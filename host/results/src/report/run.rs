@@ -145,7 +145,7 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
             number(pose.map(Estimate::sigma_position), 3),
             number(pose.map(|pose| pose.sigma_heading_deg), 2),
             match camera.protection {
-                _ if !camera.is_checkable() => String::new(),
+                _ if !camera.is_checkable(&record.limits) => String::new(),
                 Some(level) if camera.is_checked(&record.limits) => number(Some(level.position), 2),
                 _ => "open".to_owned(),
             },
@@ -226,7 +226,7 @@ fn poses(records: &[&RunRecord]) -> String {
     let star = if has_reference { "; * reference" } else { "" };
     format!(
         "Poses (x, y, heading) in {unit} and degrees; n sightings; checked to: what one wrong \
-         measurement that nobody noticed could do (place, heading){star}; {}\n{}",
+         measurement that was not noticed could do (place, heading){star}; {}\n{}",
         frame_words(records),
         print(&table)
     )
@@ -247,7 +247,7 @@ fn pose_row(camera: &Node, limits: &Limits) -> Vec<String> {
             row.push(triple([e.x, e.y], e.heading_deg, [3, 2]));
             row.push(triple([e.sigma_x, e.sigma_y], e.sigma_heading_deg, [3, 2]));
             row.push(match camera.protection {
-                _ if !camera.is_checkable() => String::new(),
+                _ if !camera.is_checkable(limits) => String::new(),
                 Some(level) if camera.is_checked(limits) => {
                     format!("({:.2}, {:.1})", level.position, level.heading_deg)
                 }

@@ -396,7 +396,7 @@ impl NetworkView {
                 .map(|seconds| {
                     format!(
                         "another network with the same PAN identifier was heard {seconds} s ago, or \
-                         somebody pretends to be one: `host-sim console --change-pan` takes another"
+                         another device pretends to be one: `host-sim console --change-pan` takes another"
                     )
                 }),
             ToPc::Health { address, health } => {

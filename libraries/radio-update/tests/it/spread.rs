@@ -82,7 +82,7 @@ fn all_nodes_run_the_new_image() {
 fn a_hundred_nodes_cost_little_more_than_one() {
     let (_, sender) = run(100, 0.02, package(LENGTH, 2), 5);
     assert!(sender.has_succeeded());
-    let (_, blocks) = sender.package().blocks();
+    let blocks = sender.package().blocks();
     let sent = sender.sent().blocks;
     assert!(sent as f64 <= 1.3 * blocks as f64, "{sent} for {blocks}");
 }

@@ -361,7 +361,8 @@ impl CameraRole {
                     .joint
                     .is_some_and(|level| level.is_tolerated(&limits));
                 let [counting, all] = [solved.used, solved.sightings].map(usize::from);
-                let state = solved.state.judged_again(&limits);
+                let is_tested = report.duty.is_some() || solved.is_tested();
+                let state = solved.state.judged_again(&limits, is_tested);
                 state.supported(counting, all, is_checked)
             }
         };
@@ -438,6 +439,6 @@ impl CameraRole {
     /// This reference camera now knows its pose.
     fn on_own_pose(&mut self, now: Instant, duty: Duty, solved: &Report) {
         // The stops are erased when this is written down.
-        self.update(now, self.progress.solved(duty, solved, &self.config));
+        self.update(now, self.progress.solved(duty, solved));
     }
 }

@@ -43,7 +43,9 @@ impl Progress {
 
     /// Takes the report of a former run. The limits may be others since.
     pub(super) fn restore(&mut self, report: &Report, config: &CameraConfig) {
-        let state = report.state.judged_again(&config.weak.limits());
+        let state = report
+            .state
+            .judged_again(&config.weak.limits(), report.is_tested());
         let is_done = report.duty.is_some() || is_done(config, report.sightings.into(), &state);
         self.report = Report {
             id: self.report.id,
@@ -68,13 +70,13 @@ impl Progress {
         is_news
     }
 
-    /// The report of this reference camera, which knows its pose now.
-    pub(super) fn solved(&self, duty: Duty, solved: &Report, config: &CameraConfig) -> Report {
+    /// The report of this reference camera, which knows its pose now. No target has estimated it yet.
+    pub(super) fn solved(&self, duty: Duty, solved: &Report) -> Report {
         Report {
             id: self.report.id,
             duty: Some(duty),
             done: true,
-            state: solved.state.judged_again(&config.weak.limits()),
+            state: solved.state.untested(),
             ..*solved
         }
     }

@@ -333,7 +333,7 @@ impl CameraRole {
             CameraState::Doubtful(held)
         } else if self.misses == 0 && self.is_watched_doubtful && !self.was_moved {
             self.is_watched_doubtful = false;
-            CameraState::Weak(held).judged_again(&self.config.weak.limits())
+            CameraState::Weak(held).judged_again(&self.config.weak.limits(), report.is_tested())
         } else {
             return;
         };

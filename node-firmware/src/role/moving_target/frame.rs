@@ -54,8 +54,7 @@ impl Arrival {
         let parts = self.place.parts();
         let [xx, xy, yy] = parts.fix_covariance;
         let from_fix = at - (parts.position - parts.walked);
-        let walked = (&parts.systematic, from_fix);
-        Matrix2::new(xx, xy, xy, yy) + Systematic::covariance(walked, walked)
+        Matrix2::new(xx, xy, xy, yy) + parts.systematic.covariance(from_fix)
     }
 }
 
@@ -278,8 +277,7 @@ impl Frame {
                     heading_sigma: root(*turned),
                     scale_sigma: root(*stretched),
                 };
-                let from_stop = (&systematic, self.place(position) - stop);
-                covariance + Systematic::covariance(from_stop, from_stop)
+                covariance + systematic.covariance(self.place(position) - stop)
             }
         }
     }

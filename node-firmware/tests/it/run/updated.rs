@@ -119,7 +119,7 @@ fn update(cameras: usize, length: usize, loss: f64) -> (f64, f64) {
         }
     });
     let package = Package::sign(&image(length), &SECRET).unwrap();
-    let (_, blocks) = package.blocks();
+    let blocks = package.blocks();
     let begun = bench.clock.time();
     let mut sender = Sender::new(package, (0..=cameras as u16).collect::<Vec<_>>(), 0);
     let is_over = |end: &Rc<RefCell<Option<String>>>| end.borrow().is_some();

@@ -37,7 +37,7 @@ const CIPHER: &str = "the cipher's state is eight words, its round keys 88, and 
 const LOGGER: &str = "nothing that is logged logs, and every frame is acquired and released once";
 const CRITICAL: &str = "borrowed within a critical section, by code that does not come back";
 const STM32: &str = "clocks, rates and the watchdog's time are constants of the board that the chip can have; numbers of pins, peripherals and pages are the library's";
-const SYNC: &str = "what a channel or a pipe guards is borrowed for one call of the library, which does not come back; nobody polls a future that has ended; a ring's positions stay within it";
+const SYNC: &str = "what a channel or a pipe guards is borrowed for one call of the library, which does not come back; nothing polls a future that has ended; a ring's positions stay within it";
 const WRITE: &str = "the UARTs of the boards take at least one byte, and no more than there are";
 const STATICS: &str = "start-up: statics are taken once";
 

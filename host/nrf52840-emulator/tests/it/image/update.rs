@@ -197,7 +197,7 @@ fn runs(outcome: &Outcome, version: u32) -> bool {
 fn a_network_is_updated_by_radio() {
     let lab = lab();
     let package = Package::sign(&binary(2), &SECRET).unwrap();
-    let (_, blocks) = package.blocks();
+    let blocks = package.blocks();
     let pc = Pc::new(package, 15 * S);
     let coordinator = Node {
         peer: Some(Box::new(pc.clone())),

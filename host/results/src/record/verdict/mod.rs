@@ -127,6 +127,11 @@ pub enum Trouble {
     OtherLens(NodeLens),
     /// It is not level, and its rows contradict each other: so they tell that it hangs.
     Tilted(NodeMount),
+    /// Too little tests its pose, however small its predicted sigmas are: [`Node::is_untested`].
+    Untested {
+        /// A pair of references was solved, and no target has estimated it with everything else.
+        is_reference: bool,
+    },
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -365,7 +370,11 @@ impl Verdict {
                 troubles.into_iter().map(finding)
             })
             .collect();
-        let checkable = || record.cameras().filter(|camera| camera.is_checkable());
+        let checkable = || {
+            record
+                .cameras()
+                .filter(|camera| camera.is_checkable(&record.limits))
+        };
         let checked = || checkable().filter(|camera| camera.is_checked(&record.limits));
         let levels = checked().filter_map(|camera| camera.protection);
         let others = || record.nodes.iter().filter(|node| !node.is_camera());
@@ -453,8 +462,9 @@ fn remedies(record: &RunRecord) -> Vec<Instead> {
     let networks = record.networks.iter().map(|network| network.network);
     let found = networks.flat_map(|network| {
         let is_poor = |camera: &&Node| {
-            let is_unchecked = camera.is_checkable() && !camera.is_checked(&record.limits);
-            camera.network == network && (checks::is_weak(camera) || is_unchecked)
+            let is_unchecked =
+                camera.is_checkable(&record.limits) && !camera.is_checked(&record.limits);
+            camera.network == network && (checks::is_weak(camera, &record.limits) || is_unchecked)
         };
         let poor: Vec<&Node> = record.cameras().filter(is_poor).collect();
         checks::remedies(record, network, &poor)
@@ -474,7 +484,7 @@ struct Unchecked {
 fn unchecked(record: &RunRecord, network: u16) -> Unchecked {
     let own = || record.cameras().filter(|camera| camera.network == network);
     let unchecked: Vec<&Node> = own()
-        .filter(|camera| camera.is_checkable() && !camera.is_checked(&record.limits))
+        .filter(|camera| camera.is_checkable(&record.limits) && !camera.is_checked(&record.limits))
         .collect();
     if unchecked.is_empty() {
         return Unchecked::default();
@@ -531,6 +541,11 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
                 .filter(|_| camera.used < camera.sightings)
                 .map(|_| [camera.used, camera.sightings]),
         }),
+        Some(Status::Weak) if camera.is_untested(&record.limits) => {
+            troubles.push(Trouble::Untested {
+                is_reference: camera.reference,
+            });
+        }
         Some(Status::Weak) => troubles.push(Trouble::Weak {
             sigma_position,
             sigma_heading_deg: estimate.sigma_heading_deg,

@@ -24,7 +24,7 @@ pub fn status_words(status: Status, reason: Option<Refusal>) -> String {
         (Status::Refused, Some(refusal)) => format!("no pose: {refusal}"),
         (Status::Refused, None) => "no pose: its sightings give none".to_owned(),
         (Status::Waiting, _) => "waits for sightings: stop the target in its view".to_owned(),
-        (Status::Weak, _) => "weak: less certain than asked for".to_owned(),
+        (Status::Weak, _) => "weak: not certain or not tested enough".to_owned(),
         (Status::Doubtful, _) => "doubtful: its sightings contradict each other".to_owned(),
         (Status::Calibrated, _) => "calibrated".to_owned(),
     }
@@ -248,6 +248,11 @@ impl Finding {
                     pitch_deg.abs()
                 )
             }
+            Trouble::Untested { is_reference } => f.write_str(if *is_reference {
+                "not calibrated: weak: no target has estimated it with everything else"
+            } else {
+                "not calibrated: weak: it hangs on a single measurement, and several others were wrong"
+            }),
             Trouble::Weak {
                 sigma_position,
                 sigma_heading_deg,
@@ -266,8 +271,7 @@ impl Finding {
             Trouble::Unchecked { .. } => Ok(()),
             Trouble::Deceives(sigmas) => write!(
                 f,
-                "its pose is {sigmas:.1} predicted sigmas off the truth: whoever relies on it is \
-                 deceived"
+                "its pose is {sigmas:.1} predicted sigmas off the truth: it deceives"
             ),
         }
     }
@@ -601,8 +605,7 @@ impl Verdict {
                 )
             }
             Common::Overconfident(ratio) => format!(
-                "The true errors are {ratio:.1} times larger than foretold: whoever relies on \
-                 these poses is deceived. Where nothing else is told, a carrier errs by more than \
+                "The true errors are {ratio:.1} times larger than foretold: these poses deceive. Where nothing else is told, a carrier errs by more than \
                  it is said to: give larger systematic sigmas."
             ),
             Common::Underconfident(ratio) => format!(

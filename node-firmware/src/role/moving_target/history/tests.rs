@@ -258,7 +258,7 @@ fn a_former_place_is_not_restored() {
                 from: first,
                 chi_squared: 100.0,
             });
-            estimate.estimator.moved(number).and_then(|(_, into)| into)
+            estimate.estimator.moved(number)?.successor
         };
         let successor = found(number).unwrap();
         // Once more, before it has a pose there: then only the former place goes.
