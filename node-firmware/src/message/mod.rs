@@ -481,9 +481,15 @@ impl ProtectionLevel {
         heading: f32::MAX,
     };
 
+    /// The place of a reference is given, or says what the frame is: nothing checks that.
+    pub const OF_REFERENCE: Self = Self {
+        heading: 0.0,
+        ..Self::NONE
+    };
+
     /// Returns true if [nothing checks it](Self::NONE).
     pub fn is_none(&self) -> bool {
-        self.position == f32::MAX
+        self.heading == f32::MAX
     }
 
     /// Returns true if a pose that may be so far off is [checked](Limits::tolerate) all the same.

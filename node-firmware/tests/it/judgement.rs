@@ -40,8 +40,7 @@ fn status(duty: Option<Duty>, joint: Option<ProtectionLevel>, sigma: f32) -> Sta
 fn a_reference_is_weak_until_a_target_has_estimated_it() {
     for duty in [Duty::First, Duty::Second] {
         assert_eq!(status(Some(duty), None, 0.01), Status::Weak);
-        // Its level is none: the place was given.
-        let joint = Some(ProtectionLevel::NONE);
+        let joint = Some(ProtectionLevel::OF_REFERENCE);
         assert_eq!(status(Some(duty), joint, 0.01), Status::Calibrated);
         assert_eq!(status(Some(duty), joint, 1.0), Status::Weak);
     }
@@ -52,6 +51,9 @@ fn a_camera_of_an_estimate_that_tells_no_level_is_weak() {
     let joint = Some(ProtectionLevel::NONE);
     assert_eq!(status(None, joint, 0.01), Status::Weak);
     assert_eq!(status(None, Some(LEVEL), 0.01), Status::Calibrated);
+    // A network may get its frame from cameras that have no duty in it.
+    let joint = Some(ProtectionLevel::OF_REFERENCE);
+    assert_eq!(status(None, joint, 0.01), Status::Calibrated);
     assert_eq!(status(None, Some(LEVEL), 1.0), Status::Weak);
     // Three sightings of its own are enough.
     assert_eq!(status(None, None, 0.01), Status::Calibrated);

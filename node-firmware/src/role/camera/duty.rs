@@ -361,8 +361,7 @@ impl CameraRole {
                     .joint
                     .is_some_and(|level| level.is_tolerated(&limits));
                 let [counting, all] = [solved.used, solved.sightings].map(usize::from);
-                let is_tested = report.duty.is_some() || solved.is_tested();
-                let state = solved.state.judged_again(&limits, is_tested);
+                let state = solved.state.judged_again(&limits, solved.is_tested());
                 state.supported(counting, all, is_checked)
             }
         };

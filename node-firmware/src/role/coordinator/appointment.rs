@@ -1,9 +1,9 @@
 //! Appointment of the reference cameras: those configured, or the first two that saw a target (thesis 2.3).
 //!
 //! Without both of them no camera gets a pose. So until there is one the coordinator asks now and then
-//! whether they are there. If one of them does not answer, or its camera does not serve, the elected ones are
-//! none any more, and the next camera that sees a target becomes one. No camera takes the place of a
-//! configured one: people are told.
+//! whether they are there. If one of them does not answer, or its camera does not serve, or both find no pose for
+//! long, the elected ones are none any more, and the next camera that sees a target becomes one. No camera takes the
+//! place of a configured one: people are told.
 
 use core::time::Duration;
 
@@ -18,6 +18,10 @@ use crate::{
 
 /// Time between two questions whether a reference camera is there.
 const PROBE: Duration = Duration::from_secs(30);
+
+/// After so many questions, four minutes, elected references that found no pose give way: they may share too few of
+/// the places where the target stands. Cameras keep what they saw, so that others may have seen enough by then.
+const PATIENCE: u8 = 8;
 
 /// After a camera is told that it is the first reference, before another one is told that it is the
 /// second: four attempts of the link.
@@ -43,6 +47,8 @@ pub(super) struct Appointment {
     trigger: Option<Trigger>,
     /// Time of the next question whether they are there.
     probe_at: Option<Instant>,
+    /// Questions until they give way.
+    patience: u8,
 }
 
 impl Appointment {
@@ -52,6 +58,7 @@ impl Appointment {
             restored: false,
             trigger: None,
             probe_at: None,
+            patience: PATIENCE,
         }
     }
 
@@ -164,6 +171,7 @@ impl CoordinatorRole {
             return;
         }
         let former = self.appointment.references.replace(references);
+        self.appointment.patience = PATIENCE;
         self.appointment.watch(now);
         self.unsaved.insert(FactKey::References);
         // Former ones too.
@@ -187,14 +195,19 @@ impl CoordinatorRole {
         if self.appointment.probe_at.take_if(|at| *at <= now).is_none() {
             return;
         }
-        let Some(references) = self.appointment.references else {
-            return;
-        };
-        if self.has_frame() {
+        if self.appointment.references.is_none() || self.has_frame() {
             return;
         }
         self.appointment.probe_at = Some(now + PROBE);
-        if self.members.iter().any(|member| member.more.is_target()) {
+        if !self.members.iter().any(|member| member.more.is_target()) {
+            return;
+        }
+        // Configured ones do not give way: for them it begins anew.
+        self.appointment.patience = self.appointment.patience.wrapping_sub(1);
+        if self.appointment.patience == 0 {
+            self.dismiss(now);
+        }
+        if let Some(references) = self.appointment.references {
             for camera in [references.first, references.second] {
                 self.notify(now, camera, MemberNotification::References);
             }

@@ -321,6 +321,33 @@ fn an_elected_reference_whose_camera_fails_is_replaced() {
     }
 }
 
+/// They answer, and share too few of the places where the target stands.
+#[test]
+fn elected_references_that_find_no_pose_give_way() {
+    let configured = |duty| MemberKind::Camera {
+        reference: Some(Reference {
+            duty,
+            position: None,
+        }),
+    };
+    for (mut role, give_way) in [
+        (with_references(|_| CAMERA), true),
+        (with_references(configured), false),
+    ] {
+        let _ = without(&mut role, 0, 42);
+        assert!(role.appointment.references().is_some());
+        // Four questions each, of which the last one is not asked.
+        let _ = without(&mut role, 0, 162);
+        assert_eq!(role.appointment.references().is_none(), give_way);
+        if give_way {
+            trigger(&mut role, 400, 6, 7);
+            trigger(&mut role, 400, 4, 7);
+            let references = role.appointment.references().unwrap();
+            assert_eq!((references.first, references.second), (6, 4));
+        }
+    }
+}
+
 /// No camera takes its place: people are told, and told when it is back.
 #[test]
 fn a_configured_reference_that_is_gone_is_told_to_people() {
@@ -342,7 +369,7 @@ fn a_configured_reference_that_is_gone_is_told_to_people() {
 
 /// A camera that has a pose does not need them any more.
 #[test]
-fn with_a_pose_nobody_asks_whether_the_references_are_there() {
+fn with_a_pose_no_one_asks_whether_the_references_are_there() {
     let mut role = with_references(|_| CAMERA);
     role.on_message(at(45), ShortAddress(4), &Message::Report(weak(4)));
     let _ = outputs(&mut role, 45);

@@ -76,10 +76,10 @@ const FAILED: usize = 6;
 const SETTLED: usize = 8;
 
 /// A pose hangs on a single measurement if one that is wrong could move it by more than so many sigmas of its place.
-const HANGS: f32 = 10.0;
+const HANGS: f32 = 12.0;
 
 /// Number of measurements left out beside which another one is likely to be wrong that no test noticed. Of 59,469
-/// calibrated poses of the campaign 171 hang on a single measurement beside two or more of these, and 24 of them
+/// calibrated poses of the campaign 115 hang on a single measurement beside two or more of these, and 21 of them
 /// deceived.
 const SEVERAL: usize = 2;
 
@@ -808,6 +808,10 @@ impl<'m> Estimate<'m> {
             bearings + legs >= SEVERAL && level.position > HANGS * in_site.sigma_position()
         };
         let protection = protection.filter(|level| level.is_usable() && !hangs(level));
+        let mut none = ProtectionLevel::NONE;
+        if camera < frame.references.len() {
+            none = ProtectionLevel::OF_REFERENCE;
+        }
         let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
         // A camera that hangs upside down fits what is left. A moved one is not believed either.
@@ -829,7 +833,7 @@ impl<'m> Estimate<'m> {
             used: count.try_into().unwrap_or(u8::MAX),
             chi_squared: solution.fit.chi_squared,
             done: false,
-            joint: Some(protection.unwrap_or(ProtectionLevel::NONE)),
+            joint: Some(protection.unwrap_or(none)),
             state,
             mount: hung.and_then(|hung| Mount::of(hung.mounting, hung.height)),
         })
