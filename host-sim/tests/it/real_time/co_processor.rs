@@ -309,7 +309,10 @@ fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>)
                 pose = report.pose().copied();
             }
         }
-        panel.until(|lamps| lamps.calibrated).await;
+        // A reference is weak until a target has estimated it.
+        if reference.is_none() {
+            panel.until(|lamps| lamps.calibrated).await;
+        }
         pose
     };
     let other = (&link, &mut radio, &mut store);
