@@ -1,6 +1,6 @@
-//! Where cargo put a program. Only cargo knows: `CARGO_TARGET_DIR` and `build.target-dir` move it.
+//! Places where cargo puts programs, and sources of packages. Of programs, only cargo knows: `CARGO_TARGET_DIR` and `build.target-dir` move it.
 
-use std::path::PathBuf;
+use std::{env, fs, path::PathBuf};
 
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -64,4 +64,16 @@ mod tests {
         sh.set_var("CARGO_TARGET_DIR", &elsewhere);
         assert_eq!(folder(&sh).unwrap(), elsewhere);
     }
+}
+
+/// Folders in which cargo keeps the sources of packages, one for each registry.
+pub(crate) fn registries() -> Result<Vec<PathBuf>> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let usual = || env::home_dir().map(|home| home.join(".cargo"));
+    let sources = home.or_else(usual).map(|home| home.join("registry/src"));
+    let Some(sources) = sources.filter(|sources| sources.is_dir()) else {
+        return Ok(Vec::new());
+    };
+    let folders = fs::read_dir(sources)?.map(|folder| Ok(folder?.path()));
+    folders.collect()
 }

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 use xshell::{Shell, cmd};
 
-use crate::setup;
+use crate::{built, setup};
 
 /// Lines of a readme: one screen.
 const SCREEN: usize = 90;
@@ -98,7 +98,25 @@ fn clone(sh: &Shell) -> Result<PathBuf> {
     Ok(clone)
 }
 
+/// Removes the sources of the libraries as they were packaged before: cargo unpacks a version once, and the present
+/// one is the same until it is published.
+fn forget_former(sh: &Shell) -> Result<()> {
+    let libraries = libraries(sh)?;
+    for registry in built::registries()? {
+        // Its local registry has no name.
+        let name = registry.file_name().unwrap_or_default();
+        if !name.to_string_lossy().starts_with('-') {
+            continue;
+        }
+        for Library { name, version, .. } in &libraries {
+            sh.remove_path(registry.join(format!("{name}-{version}")))?;
+        }
+    }
+    Ok(())
+}
+
 fn dry_run(sh: &Shell) -> Result<()> {
+    forget_former(sh)?;
     let built = sh.current_dir().join(BUILT);
     let _there = sh.push_dir(clone(sh)?);
     cmd!(

@@ -474,15 +474,8 @@ fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
 /// of its builder's folders in it, nor to be as long as these. Only what is linked: debug information
 /// keeps them.
 fn short_paths() -> Result<Vec<String>> {
-    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
-    let usual = || env::home_dir().map(|home| home.join(".cargo"));
-    let sources = home.or_else(usual).map(|home| home.join("registry/src"));
     let mut flags = vec!["'--remap-path-scope=macro'".to_owned()];
-    let Some(folders) = sources.filter(|sources| sources.is_dir()) else {
-        return Ok(flags);
-    };
-    for folder in fs::read_dir(folders)? {
-        let folder = folder?.path();
+    for folder in built::registries()? {
         flags.push(format!("'--remap-path-prefix={}='", folder.display()));
     }
     flags.sort();
