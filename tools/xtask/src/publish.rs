@@ -98,9 +98,10 @@ fn clone(sh: &Shell) -> Result<PathBuf> {
     Ok(clone)
 }
 
-/// Removes the sources of the libraries as they were packaged before: cargo unpacks a version once, and the present
-/// one is the same until it is published.
+/// Removes the libraries as they were packaged before, and what was built of them: cargo unpacks and builds a version
+/// once, and the present one is the same until it is published.
 fn forget_former(sh: &Shell) -> Result<()> {
+    sh.remove_path(BUILT)?;
     let libraries = libraries(sh)?;
     for registry in built::registries()? {
         // Its local registry has no name.
