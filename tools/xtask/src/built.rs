@@ -1,4 +1,5 @@
-//! Places where cargo puts programs, and sources of packages. Of programs, only cargo knows: `CARGO_TARGET_DIR` and `build.target-dir` move it.
+//! Places where cargo puts programs, and sources of packages. Where a program is, only cargo knows: `CARGO_TARGET_DIR`
+//! and `build.target-dir` move it.
 
 use std::{env, fs, path::PathBuf};
 
@@ -38,6 +39,18 @@ pub(crate) fn folder(sh: &Shell) -> Result<PathBuf> {
         .into())
 }
 
+/// Folders in which cargo keeps the sources of packages, one for each registry.
+pub(crate) fn registries() -> Result<Vec<PathBuf>> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let usual = || env::home_dir().map(|home| home.join(".cargo"));
+    let sources = home.or_else(usual).map(|home| home.join("registry/src"));
+    let Some(sources) = sources.filter(|sources| sources.is_dir()) else {
+        return Ok(Vec::new());
+    };
+    let folders = fs::read_dir(sources)?.map(|folder| Ok(folder?.path()));
+    folders.collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -64,16 +77,4 @@ mod tests {
         sh.set_var("CARGO_TARGET_DIR", &elsewhere);
         assert_eq!(folder(&sh).unwrap(), elsewhere);
     }
-}
-
-/// Folders in which cargo keeps the sources of packages, one for each registry.
-pub(crate) fn registries() -> Result<Vec<PathBuf>> {
-    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
-    let usual = || env::home_dir().map(|home| home.join(".cargo"));
-    let sources = home.or_else(usual).map(|home| home.join("registry/src"));
-    let Some(sources) = sources.filter(|sources| sources.is_dir()) else {
-        return Ok(Vec::new());
-    };
-    let folders = fs::read_dir(sources)?.map(|folder| Ok(folder?.path()));
-    folders.collect()
 }

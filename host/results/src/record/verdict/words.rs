@@ -605,8 +605,8 @@ impl Verdict {
                 )
             }
             Common::Overconfident(ratio) => format!(
-                "The true errors are {ratio:.1} times larger than foretold: these poses deceive. Where nothing else is told, a carrier errs by more than \
-                 it is said to: give larger systematic sigmas."
+                "The true errors are {ratio:.1} times larger than foretold: these poses deceive. Where \
+                 nothing else is told, a carrier errs by more than it is said to: give larger systematic sigmas."
             ),
             Common::Underconfident(ratio) => format!(
                 "The true errors are {ratio:.1} times smaller than foretold: the sigmas configured \
