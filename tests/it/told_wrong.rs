@@ -8,7 +8,7 @@ use host_sim::network::{Options, Simulation};
 use rand::RngExt;
 use results::record::RunRecord;
 use site::{Overrides, Scenario, SensorTable};
-use test_support::{generator, normal};
+use test_support::{amount, generator, normal};
 
 /// Tangents of the true lens over those of the one that is told, of a lens that is 10 % off.
 const LENS: f64 = 1.1;
@@ -157,10 +157,7 @@ struct Counts {
 }
 
 fn count(wrong: Wrong, stops: usize) -> Counts {
-    let seeds = match std::env::var_os("XTASK_ALL") {
-        Some(_) => 200,
-        None => 8,
-    };
+    let seeds = amount(8, 200);
     let mut counts = Counts::default();
     for seed in 1..=seeds {
         let Some(record) = run(wrong, stops, seed) else {

@@ -55,6 +55,14 @@ pub fn building(cameras: usize, cell: usize) -> String {
     )
 }
 
+/// An amount of work: that of every day, or that of the night (`cargo xtask test --all`).
+pub fn amount<T>(daily: T, nightly: T) -> T {
+    match std::env::var_os("XTASK_ALL") {
+        Some(_) => nightly,
+        None => daily,
+    }
+}
+
 /// The difference of two angles, in `(-pi, pi]`.
 pub fn turn(a: f64, b: f64) -> f64 {
     (a - b).sin().atan2((a - b).cos())

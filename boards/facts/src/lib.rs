@@ -69,6 +69,8 @@ pub enum Loader {
     Dfu {
         /// `hw_version` that it demands.
         hardware: u32,
+        /// Vendor and product of its USB device.
+        usb: (u16, u16),
         /// Action that starts it.
         press: &'static str,
     },
@@ -133,6 +135,7 @@ pub const PCA10059: Board = Board {
     },
     loader: Some(Loader::Dfu {
         hardware: 52,
+        usb: (0x1915, 0x521f),
         press: "press its reset button, the one that lies on its side: its red lamp pulses",
     }),
     updated: None,

@@ -4,7 +4,7 @@
 
 nrf52::board! {
     board: FEATHER_NRF52840,
-    // RX and TX. A coordinator's PC has the same pins, through a cable of 3.3 V.
+    // RX and TX.
     camera: receive P0_24, send P0_25,
     // The red and the blue lamp; two others at D5 and D6, likewise between their pins and ground.
     lamps: lit by High, joined P1_15, target_seen P1_10, calibrated P1_08, may_walk P0_07,

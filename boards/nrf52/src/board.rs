@@ -18,7 +18,7 @@ bind_interrupts!(struct Irqs {
 pub struct Pins {
     /// Of a CMUcam2 or another camera.
     pub camera: Wires,
-    /// Of a coordinator's PC; without them it has those of the camera.
+    /// Of a coordinator's PC that is not at a USB plug; without them it has those of the camera.
     pub console: Option<Wires>,
     /// The level at which lamps shine.
     pub lit: Level,
@@ -38,6 +38,13 @@ pub struct Wires {
     pub send: Peri<'static, AnyPin>,
 }
 
+/// The USB device of the chip.
+#[cfg(feature = "usb")]
+pub type Usb = Peri<'static, peripherals::USBD>;
+/// No USB device.
+#[cfg(not(feature = "usb"))]
+pub type Usb = ();
+
 /// Peripherals that a node uses on every board.
 pub struct Parts {
     /// UART to the camera or the PC, with what counts and moves its bytes.
@@ -51,6 +58,8 @@ pub struct Parts {
     ),
     /// See [`uart`](Self::uart).
     pub group: Peri<'static, peripherals::PPI_GROUP0>,
+    /// The plug of a coordinator's PC.
+    pub usb: Usb,
     /// Bus of the step sensor.
     pub sensor: Peri<'static, peripherals::TWISPI0>,
     /// The radio.
@@ -66,6 +75,7 @@ pub struct Parts {
 /// A board, with what a node uses of it.
 pub struct Board {
     pub(crate) line: Line,
+    pub(crate) usb: Usb,
     pub(crate) lamps: Lamps<Output<'static>>,
     pub(crate) buttons: PushButtons<Input<'static>>,
     pub(crate) sensor: SensorBus,
@@ -104,6 +114,7 @@ impl Board {
                 camera: pins.camera,
                 console: pins.console,
             },
+            usb: parts.usb,
             lamps: Lamps {
                 lit,
                 joined,

@@ -7,6 +7,7 @@
 //! | `line` | the UART to the camera or the PC |
 //! | `memory` | the flash |
 //! | `node` | the tasks; their start is `board_support::start` |
+//! | `plug` | the USB plug of a coordinator |
 //! | `radio` | the radio on the chip |
 //! | `sensor_bus` | the I2C bus of a target's step sensor |
 //! | `watchdog` | the watchdog, and the reason why the chip last started |
@@ -34,12 +35,14 @@ cfg_if::cfg_if! {
         mod line;
         mod memory;
         mod node;
+        #[cfg(feature = "usb")]
+        mod plug;
         mod radio;
         mod sensor_bus;
         mod watchdog;
 
         #[doc(hidden)]
-        pub use board::{Board, Parts, Pins, Wires, start};
+        pub use board::{Board, Parts, Pins, Usb, Wires, start};
         #[doc(hidden)]
         pub use board_support::{start::tell_failure, tasks::spawn};
         #[doc(hidden)]
@@ -92,11 +95,32 @@ macro_rules! stamp {
     };
 }
 
+/// The USB device of the chip.
+#[cfg(feature = "usb")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! usb {
+    ($peripherals:ident) => {
+        $peripherals.USBD
+    };
+}
+
+/// No USB device.
+#[cfg(not(feature = "usb"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! usb {
+    ($peripherals:ident) => {
+        ()
+    };
+}
+
 /// The `main` of a board's image: a node on the pins that it names. A build for a computer says what to type
 /// instead.
 ///
 /// `board` is a constant of `board-facts`; `lit by` the level of a pin at which its lamp shines; buttons are between
-/// their pins and ground. Without a `console`, a coordinator's PC has the pins of the camera.
+/// their pins and ground. A coordinator's PC is at the USB plug of the chip with the feature `usb`, else at the pins of
+/// `console`, and without them at those of the camera.
 #[macro_export]
 macro_rules! board {
     (
@@ -155,6 +179,7 @@ macro_rules! board {
             };
             let parts = $crate::Parts {
                 uart: p.UARTE0,
+                usb: $crate::usb!(p),
                 timer: p.TIMER1,
                 channels: (p.PPI_CH0, p.PPI_CH1),
                 group: p.PPI_GROUP0,

@@ -29,10 +29,13 @@ use node_firmware::{
 use static_cell::StaticCell;
 use zigbee_link::radio::Csma;
 
+#[cfg(not(feature = "usb"))]
+use crate::line::Uart as Port;
+#[cfg(feature = "usb")]
+use crate::plug::{self, Port};
 use crate::{
     board::{Board, Parts, Pins},
     identity::random,
-    line::Uart,
     memory::Flash,
     radio::{self, OnChip, Shared},
     sensor_bus::SensorBus,
@@ -44,7 +47,7 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
 impl Hardware for Board {
-    type Uart = Uart;
+    type Uart = Port;
     type Radio = Csma<OnChip, Delay>;
     type Clock = EmbassyClock;
     type Flash = Flash;
@@ -122,9 +125,13 @@ pub async fn begin(
     let update = start::updates(&mut flash, facts, core::hint::black_box(stamp));
     #[cfg(not(feature = "update"))]
     let (update, ()) = (None, stamp);
+    #[cfg(feature = "usb")]
+    let uart = plug::open(spawner, config, (board.usb, facts), board.line);
+    #[cfg(not(feature = "usb"))]
+    let (uart, ()) = (board.line.open(config), board.usb);
     let shared = SHARED.init(Shared::new());
     let peripherals = PERIPHERALS.init(Some(Peripherals {
-        uart: board.line.open(config),
+        uart,
         radio: Csma::new(OnChip::new(shared), Delay, seed.rotate_left(32)),
         clock: EmbassyClock,
         flash: Paged(flash),

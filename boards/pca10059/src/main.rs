@@ -4,7 +4,6 @@
 
 nrf52::board! {
     board: PCA10059,
-    // A coordinator's PC has the same pins, through a cable of 3 V.
     camera: receive P0_24, send P0_20,
     // LD1, and blue, green and red of LD2, between the supply and their pins.
     lamps: lit by Low, joined P0_06, target_seen P0_12, calibrated P1_09, may_walk P0_08,

@@ -4,7 +4,7 @@
 
 nrf52::board! {
     board: XIAO_NRF52840,
-    // D7 and D6. A coordinator's PC has the same pins, through a cable of 3.3 V.
+    // D7 and D6.
     camera: receive P1_12, send P1_11,
     // Red, blue and green of the lamp; another one at D10, likewise between the supply and its pin.
     lamps: lit by Low, joined P0_26, target_seen P0_06, calibrated P0_30, may_walk P1_15,

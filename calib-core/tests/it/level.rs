@@ -8,7 +8,7 @@ use calib_core::{
 };
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Point2, Rotation3, Vector3, Vector6};
 use rand::RngExt;
-use test_support::{Random, generator, normal};
+use test_support::{Random, amount, generator, normal};
 
 const LIMITS: Limits<f64> = Limits {
     position: 0.5,
@@ -218,11 +218,7 @@ fn tally(frame: [f64; 4], height: f64, tilt: f64, stops: usize) -> Tally {
 
 /// Rooms of a row of the tables below; ten times as many at night.
 fn rooms() -> usize {
-    if std::env::var_os("XTASK_ALL").is_some() {
-        2_000
-    } else {
-        200
-    }
+    amount(200, 2_000)
 }
 
 /// A level camera is taken for level at any height, though its bracket is a degree off.

@@ -7,7 +7,7 @@ use calib_core::{
 };
 use nalgebra::{Matrix6, Point3, Rotation3, Vector2, Vector3, Vector6};
 use rand::RngExt;
-use test_support::{Random, generator, normal};
+use test_support::{Random, amount, generator, normal};
 
 const ANY: Limits<f64> = Limits {
     position: f64::INFINITY,
@@ -160,10 +160,7 @@ fn random_rooms_are_right_or_ambiguous() {
     let mut random = generator(35);
     let (mut right, mut ambiguous, mut wrong, mut refused) = (0, 0, 0, 0);
     let (mut sum, mut counted) = (0.0, 0);
-    let rooms = match std::env::var_os("XTASK_ALL") {
-        Some(_) => 2000,
-        None => 500,
-    };
+    let rooms = amount(500, 2000);
     for n in 0..rooms {
         let lens = lens([Projection::PinHole, Projection::EqualAngle][n % 2]);
         let count = 3 + n % 14;

@@ -4,10 +4,10 @@
 //! | module | |
 //! |---|---|
 //! | [`uf2`] | a file that is copied to the volume of a boot loader |
-//! | `dfu` | a package for Nordic's boot loader |
+//! | [`dfu`] | a package for Nordic's boot loader, and its way there |
 #![forbid(unsafe_code)]
 
-mod dfu;
+pub mod dfu;
 pub mod uf2;
 
 use std::{collections::BTreeMap, ops::Range};
@@ -134,8 +134,7 @@ impl Image {
     ///
     /// A package for a dongle has room for the page within the image: without one, the node has no configuration.
     pub fn file(&self, page: Option<&[u8]>, forgets: bool) -> Option<(&'static str, Vec<u8>)> {
-        let mut parts = self.parts.clone();
-        parts.extend(page.map(|page| (self.board.config(), page.to_vec())));
+        let mut parts = self.with(page);
         if forgets {
             let (memory, bytes) = self.board.memory();
             parts.insert(memory, vec![0xff; bytes as usize]);
@@ -143,10 +142,27 @@ impl Image {
         match self.board.loader? {
             Loader::Uf2 { family, .. } => Some(("uf2", uf2::file(family, &parts))),
             Loader::Dfu { .. } if forgets => None,
-            Loader::Dfu { hardware, .. } => {
-                Some(("zip", dfu::package(hardware, &in_one_piece(&parts))))
-            }
+            Loader::Dfu { .. } => Some(("zip", self.package(page)?.file())),
         }
+    }
+
+    /// The image and a configuration page as a package for a boot loader that takes one over a serial line; `None` if
+    /// the board has no such boot loader.
+    pub fn package(&self, page: Option<&[u8]>) -> Option<dfu::Package> {
+        match self.board.loader? {
+            Loader::Dfu { hardware, .. } => {
+                let image = in_one_piece(&self.with(page));
+                Some(dfu::Package::new(hardware, image))
+            }
+            Loader::Uf2 { .. } => None,
+        }
+    }
+
+    /// Its parts, and a configuration page.
+    fn with(&self, page: Option<&[u8]>) -> BTreeMap<u32, Vec<u8>> {
+        let mut parts = self.parts.clone();
+        parts.extend(page.map(|page| (self.board.config(), page.to_vec())));
+        parts
     }
 }
 

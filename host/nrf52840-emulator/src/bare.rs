@@ -40,7 +40,7 @@ impl Driver<Board> for Printed {
 /// It cannot be run, says that it failed, or has not ended after so many nanoseconds.
 pub fn print(image: &Path, until: u64) -> Result<String, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
-    let soc = Soc::new(0, None, BTreeMap::new()).map_err(|error| text(&error))?;
+    let soc = Soc::new(0, None, None, BTreeMap::new()).map_err(|error| text(&error))?;
     let program = Image::read(image, None).map_err(|error| text(&error))?;
     let board = Board {
         soc,

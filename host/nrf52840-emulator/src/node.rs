@@ -23,7 +23,7 @@ use rigless::{
 use crate::{
     device::Chip,
     network::{Deed, Input, Order, Report, Shared},
-    peripheral::Peer,
+    peripheral::{Names, Pc, Peer},
     processor::{Lease, Program},
     soc::{self, Board, Soc},
 };
@@ -50,6 +50,8 @@ pub struct Node {
     pub parts: Option<[Range<u64>; 2]>,
     /// At the other end of UARTE0.
     pub peer: Option<Box<dyn Peer>>,
+    /// At the USB plug, from power-on.
+    pub pc: Option<Pc>,
     /// On the bus of TWIM0, by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// Seed of the chip's random numbers, besides its number.
@@ -118,6 +120,10 @@ pub struct Reset {
 pub struct Outcome {
     /// Bytes on UARTE0, and the times when they were out.
     pub line: Vec<(u64, u8)>,
+    /// Bytes to the PC at the USB plug, and the times.
+    pub plug: Vec<(u64, u8)>,
+    /// Names that the PC at the plug heard of its device.
+    pub names: Option<Names>,
     /// Bytes of the first channel of RTT.
     pub log: Vec<u8>,
     /// Uses that the Product Specification forbids, or that are not modelled: the peripheral, the register and the
@@ -165,7 +171,7 @@ pub(crate) fn run(
     shared: Arc<Shared>,
 ) -> Result<Outcome, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
-    let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
+    let mut soc = Soc::new(number, node.peer, node.pc, node.chips).map_err(|error| text(&error))?;
     soc.draw_from(node.seed ^ (number as u64 + 1), since);
     if let Some(faults) = node.faults {
         faults(&mut soc);
@@ -240,6 +246,8 @@ pub(crate) fn run(
             })
             .collect(),
         line: soc.uarte.model.sent.clone(),
+        plug: soc.usbd.model.sent.clone(),
+        names: soc.usbd.model.pc().and_then(|pc| pc.names().cloned()),
         overruns: soc.uarte.model.overruns,
         erased: soc.nvmc.model.erased.clone(),
         written: soc.nvmc.model.words,

@@ -20,9 +20,9 @@ use rigless::{
 };
 
 use crate::peripheral::{
-    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Held, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio,
-    Rng, Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, rtc, timer, twim,
-    uarte, watchdog,
+    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Held, Instance, Model, Nvmc, Pc, Peer, Ppi,
+    REGISTERS, Radio, Rng, Rtc, Temp, Timer, Twim, Uarte, Usbd, Watchdog, Word, clock, gpiote,
+    radio, rtc, timer, twim, uarte, usbd, watchdog,
 };
 use crate::{
     device::Chip,
@@ -70,10 +70,11 @@ const RTC: usize = 9;
 const EGU: usize = 10;
 const EGUS: usize = 6;
 const PPI: usize = 17;
-const GPIO: usize = 18;
+const USBD: usize = 18;
+const GPIO: usize = 20;
 
 /// Peripherals by their addresses: the bus counts its slots so.
-const MAP: [Peripheral; 19] = [
+const MAP: [Peripheral; 21] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
     peripheral("RADIO", radio::BASE, &[1]),
     peripheral("UARTE0", 0x4000_2000, &[2]),
@@ -92,6 +93,9 @@ const MAP: [Peripheral; 19] = [
     peripheral("EGU5", 0x4001_9000, &[25]),
     peripheral(NVMC, 0x4001_e000, &[30]),
     peripheral("PPI", 0x4001_f000, &[31]),
+    peripheral("USBD", 0x4002_7000, &[39]),
+    // Registers without a name, for which "Errata" (171 and 187) has values.
+    peripheral("ERRATA", 0x4006_e000, &[]),
     peripheral("GPIO", gpiote::PINS, &[]),
 ];
 
@@ -104,13 +108,20 @@ const _: () = {
 };
 
 /// Registers that are not 0 after a reset: peripheral, offsets, and values.
-const RESET: [(usize, &[(u16, u32)]); 5] = [
+const RESET: [(usize, &[(u16, u32)]); 6] = [
     (RADIO, &radio::RESET),
     (UARTE, &uarte::RESET),
     (TWIM, &twim::RESET),
     (TIMER, &timer::RESET),
     (WATCHDOG, &watchdog::RESET),
+    (USBD, &usbd::RESET),
 ];
+
+/// Registers of which nothing is known but values to write.
+#[derive(Clone, Copy, Debug)]
+struct Errata;
+
+impl Model for Errata {}
 
 /// An nRF52840.
 #[derive(Debug)]
@@ -138,18 +149,22 @@ pub struct Soc {
     /// NVMC.
     pub nvmc: Instance<Nvmc>,
     ppi: Instance<Ppi>,
+    /// USBD.
+    pub usbd: Instance<Usbd>,
+    errata: Instance<Errata>,
     /// Both ports.
     pub gpio: Instance<Gpio>,
 }
 
 impl Soc {
-    /// The chip of a node, with the peer of its line and the chips on its bus.
+    /// The chip of a node, with the peer of its line, the PC at its plug, and the chips on its bus.
     ///
     /// # Errors
     /// The map is not in order.
     pub fn new(
         node: usize,
         peer: Option<Box<dyn Peer>>,
+        pc: Option<Pc>,
         chips: BTreeMap<u32, Box<dyn Chip>>,
     ) -> Result<Self, Error> {
         let cpu = Cpu::new("nrf52840", true, INTERRUPTS, Endian::Little);
@@ -161,7 +176,7 @@ impl Soc {
             bus,
             lockup: Arc::default(),
             lockups: Vec::new(),
-            clock: Instance::new(Clock::default()),
+            clock: Instance::new(Clock::new(pc.is_some())),
             radio: Instance::new(Radio::new(node)),
             uarte: Instance::new(Uarte::new(peer)),
             twim: Instance::new(Twim::new(chips)),
@@ -174,6 +189,8 @@ impl Soc {
             egus: [const { Egu }; EGUS].map(Instance::new),
             nvmc: Instance::new(Nvmc::default()),
             ppi: Instance::new(Ppi::new(bases)),
+            usbd: Instance::new(Usbd::new(pc)),
+            errata: Instance::new(Errata),
             gpio: Instance::new(Gpio::default()),
         };
         soc.check()?;
@@ -203,6 +220,7 @@ impl Soc {
             || self.watchdog.is_pending()
             || self.rtc.is_pending()
             || self.temp.is_pending()
+            || self.usbd.is_pending()
             || self.egus.iter().any(Instance::is_pending)
     }
 
@@ -334,6 +352,8 @@ impl Mcu for Soc {
             EGU..16 => &mut self.egus[slot - EGU],
             16 => &mut self.nvmc,
             PPI => &mut self.ppi,
+            USBD => &mut self.usbd,
+            19 => &mut self.errata,
             GPIO => &mut self.gpio,
             _ => return (&mut self.bus, None),
         };
@@ -419,7 +439,7 @@ mod tests {
     const NOW: VirtualNanos = VirtualNanos(0);
 
     fn soc() -> Soc {
-        Soc::new(0, None, BTreeMap::new()).unwrap()
+        Soc::new(0, None, None, BTreeMap::new()).unwrap()
     }
 
     /// No pin is connected: PSEL.RTS, TXD, CTS and RXD of UARTE0, PSEL.SCL and SDA of TWIM0.

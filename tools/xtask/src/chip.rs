@@ -27,6 +27,12 @@ pub(crate) const SUITES: [Suite; 3] = [
     },
 ];
 
+/// A coordinator's USB plug, on the image of a dongle, which is built at night.
+pub(crate) const PLUG: Suite = Suite {
+    package: "nrf52840-emulator",
+    module: "plug",
+};
+
 /// In the documentation, by roles.
 const TABLE: &str = "chip: stack";
 const ROLES: [&str; 4] = ["coordinator", "camera", "reference", "target"];
@@ -47,6 +53,17 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     // A process translates the image once for each test that runs at the same time.
     let said = harness::ignored(sh, &SUITES, Pace::SideBySide)?;
     stack(sh, bound, &said)
+}
+
+/// Runs the image of a dongle as a coordinator with a PC at its USB plug.
+///
+/// # Errors
+/// One of that fails.
+pub(crate) fn plug(sh: &Shell) -> Result<()> {
+    let image = firmware::build(sh, &board_facts::PCA10059, &[])?;
+    let _image = sh.push_env("NODE_PLUG", sh.current_dir().join(image));
+    harness::ignored(sh, &[PLUG], Pace::InTurn)?;
+    Ok(())
 }
 
 /// Tells tests the image that is updated by radio, and its boot loader.

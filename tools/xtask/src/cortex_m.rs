@@ -1,14 +1,13 @@
 //! Instruction counts of the node's routines on emulated processors.
 
-use std::{fmt, path::PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
-use bench_cortex_m::bits;
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
 use crate::{
-    built,
+    built, harness,
     qemu::{self, CORTEX_M0, CORTEX_M4F, Machine},
 };
 
@@ -23,8 +22,8 @@ pub(crate) struct Processor {
     name: &'static str,
     target: &'static str,
     machine: Machine,
-    /// Output of [`RESULTS`] there.
-    results: fn(&mut String) -> fmt::Result,
+    /// Options with which [`RESULTS`] prints on this computer what it prints there.
+    results: &'static [&'static str],
 }
 
 /// The boards' own, and the least that libraries are for.
@@ -33,13 +32,13 @@ pub(crate) const PROCESSORS: [Processor; 2] = [
         name: "Cortex-M4F",
         target: "thumbv7em-none-eabihf",
         machine: CORTEX_M4F,
-        results: |output| bits::print_all(output),
+        results: &[],
     },
     Processor {
         name: "Cortex-M0",
         target: "thumbv6m-none-eabi",
         machine: CORTEX_M0,
-        results: |output| bits::print_small(output),
+        results: &["small"],
     },
 ];
 
@@ -70,14 +69,15 @@ pub(crate) struct Measurement {
 
 /// Builds the bench for each of these processors, runs it there, and returns all counts in its order.
 pub(crate) fn run(sh: &Shell, processors: &[Processor]) -> Result<Vec<Measurement>> {
+    let on_this_computer = harness::program(sh, RESULTS)?;
     let mut measurements = Vec::new();
     for processor in processors {
         let image = build(sh, processor, PACKAGE)?;
         let output = qemu::run(&processor.machine, &image)
             .with_context(|| format!("counting instructions on a {}", processor.name))?;
         measurements.extend(parse(processor.name, &output)?);
-        let mut own = String::new();
-        (processor.results)(&mut own)?;
+        let options = processor.results;
+        let own = cmd!(sh, "{on_this_computer} {options...}").read()?;
         let (_, printed) = results(sh, processor)?;
         let count = same_bits(&printed, &own)
             .with_context(|| format!("results of a {} and of this computer", processor.name))?;
@@ -241,20 +241,19 @@ mod tests {
 
     #[test]
     fn another_bit_is_noticed() {
-        let mut own = String::new();
-        bits::print_all(&mut own).unwrap();
-        assert_eq!(same_bits(&own, &own).unwrap(), own.lines().count());
+        let own = "pose 0 3f800000 40000000\njoint 1 bf800001\n";
+        assert_eq!(same_bits(own, own).unwrap(), 2);
         // The lowest bit of the last number of each line in turn.
         let lines: Vec<_> = own.lines().map(str::to_owned).collect();
         for number in 0..lines.len() {
             let mut other = lines.clone();
             let digit = other[number].pop().and_then(|digit| digit.to_digit(16));
             other[number] += &format!("{:x}", digit.unwrap() ^ 1);
-            let told = same_bits(&own, &other.join("\n")).unwrap_err();
+            let told = same_bits(own, &other.join("\n")).unwrap_err();
             assert!(told.to_string().contains("arithmetic"), "{told}");
         }
         let cut = own.trim_end().rsplit_once('\n').unwrap().0;
-        assert!(same_bits(&own, cut).is_err() && same_bits(cut, &own).is_err());
+        assert!(same_bits(own, cut).is_err() && same_bits(cut, own).is_err());
         assert!(same_bits("", "").is_err());
     }
 

@@ -77,6 +77,7 @@ fn ignored_suites() -> impl Iterator<Item = Suite> {
         .into_iter()
         .chain([peers::FIREFOX])
         .chain(chip::SUITES)
+        .chain([chip::PLUG])
 }
 
 /// Returns true where nothing of the workspace but the chores has been built yet.

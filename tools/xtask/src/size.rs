@@ -8,12 +8,14 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use object::{Object, ObjectSymbol};
-use xshell::{Shell, cmd};
+use xshell::Shell;
 
-use crate::elf::{self, Size};
+use crate::{
+    elf::{self, Size},
+    firmware,
+};
 
 const PACKAGE: &str = "bench-size";
-const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Image with only the common part: the start of the processor.
 const EMPTY: &str = "empty";
@@ -139,11 +141,7 @@ pub(crate) fn largest(measurements: &[Measurement], count: usize) -> Result<Stri
 }
 
 fn build(sh: &Shell) -> Result<Vec<PathBuf>> {
-    let messages = cmd!(
-        sh,
-        "cargo build --locked --profile size --package {PACKAGE} --target {TARGET} --message-format json-render-diagnostics"
-    )
-    .read()?;
+    let messages = firmware::compiled(sh, PACKAGE, &[])?;
     let mut images = Vec::new();
     for message in messages.lines() {
         let message: serde_json::Value = serde_json::from_str(message)?;

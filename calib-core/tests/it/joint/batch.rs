@@ -2,6 +2,7 @@
 
 use calib_core::angle::wrap_signed;
 use test_support::{
+    amount,
     batch::Batch,
     generator, turn,
     walk::{CarrierErrors, Visited, Walk},
@@ -91,7 +92,7 @@ fn off_batch<T: calib_core::Real + Into<f64>>(
 #[test]
 fn equals_the_dense_batch() {
     for (name, errors) in CASES {
-        for seed in 0..12 {
+        for seed in 0..amount(4, 12) {
             let walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
             let mut joint = filled::<f64>(&walk, WIDE);
             let solution = joint.solve().unwrap();
@@ -115,7 +116,7 @@ fn equals_the_dense_batch() {
 #[test]
 fn equals_the_dense_batch_without_a_baseline() {
     for (name, errors) in CASES {
-        for seed in 0..12 {
+        for seed in 0..amount(4, 12) {
             let walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
             let right = walk.cameras[1].x;
             for told in [0.8 * right, 1.3 * right] {
@@ -197,7 +198,7 @@ fn equals_the_dense_batch_with_lenses() {
         .into_iter()
         .flat_map(|case| [(case, 0.0), (case, 0.01)])
     {
-        for seed in 0..6 {
+        for seed in 0..amount(2, 6) {
             let walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
             let walk = through_lenses(walk, seed, principal);
             let mut joint = filled::<f64>(&walk, WIDE);
@@ -224,7 +225,7 @@ fn equals_the_dense_batch_with_lenses() {
 fn single_precision_is_as_good() {
     for (name, errors) in CASES {
         let (mut worst, mut worst_sigma) = (0.0_f64, 0.0_f64);
-        for seed in 0..12 {
+        for seed in 0..amount(4, 12) {
             let walk = Walk::random(&mut generator(seed), 9, 32, errors, 0.0024);
             let mut joint = filled::<f32>(&walk, WIDE);
             joint.solve().unwrap();

@@ -1,8 +1,8 @@
-//! Boards without a debug probe: their boot loader takes a file.
+//! Boards without a debug probe: their boot loader takes a file, or a package over a serial line.
 
 use std::{
     fs::{self, File},
-    io::{self, Write},
+    io::{self, Read, Write},
     path::{Path, PathBuf},
     thread,
     time::Duration,
@@ -10,8 +10,15 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use board_facts::{Board, Loader};
-use flash_file::uf2;
+use flash_file::{
+    dfu::{
+        Package,
+        serial::{Frames, Transfer},
+    },
+    uf2,
+};
 use node_firmware::config::page::PAGE_MAX;
+use serialport::{SerialPortInfo, SerialPortType};
 
 use super::super::tell;
 
@@ -193,4 +200,109 @@ pub(super) fn by_hand(press: &str, file: &Path) -> String {
          port that appeared",
         file.display()
     )
+}
+
+/// Vendor and product of a USB device.
+type UsbNumbers = (u16, u16);
+
+/// Rate of the line, of which a USB device makes nothing.
+const BAUD: u32 = 115_200;
+/// A page is erased and an object is checked in less.
+const SILENT: Duration = Duration::from_secs(5);
+/// Attempts to open a port that has just appeared: its owner may still be set.
+const OPENING: u32 = 25;
+
+/// Brings a package to the boot loader at this serial port, or at the one that appears after a person has started it.
+///
+/// # Errors
+/// It does not appear, does not answer, or refuses the package.
+pub(super) fn send(
+    board: &Board,
+    (press, usb): (&str, UsbNumbers),
+    named: Option<&str>,
+    package: Package,
+) -> Result<()> {
+    let find = || match named {
+        Some(port) => Path::new(port).exists().then(|| port.to_owned()),
+        None => ports_of(usb).into_iter().next(),
+    };
+    if find().is_none() {
+        tell(format!(
+            "{press}. A serial port appears: where it is not found, name it with --port"
+        ));
+    }
+    let found = (0..PATIENCE).find_map(|_| find().or_else(|| wait(LOOK)));
+    let name = found.with_context(|| {
+        format!(
+            "no boot loader of a {} appeared, and nothing was written: {press}",
+            board.title
+        )
+    })?;
+    let open = || serialport::new(&name, BAUD).timeout(LOOK).open().ok();
+    let mut port = match (0..OPENING).find_map(|_| open().or_else(|| wait(LOOK))) {
+        Some(port) => port,
+        None => { serialport::new(&name, BAUD).timeout(LOOK).open() }
+            .with_context(|| format!("{name} cannot be opened, and nothing was written"))?,
+    };
+    let mut transfer = Transfer::new(package);
+    let mut frames = Frames::default();
+    while !transfer.is_done() {
+        let [confirmed, all] = transfer.progress();
+        let incomplete = || {
+            format!(
+                "the boot loader at {name} has {confirmed} of {all} bytes, and starts no image \
+                 before it has all: type the same command again"
+            )
+        };
+        port.write_all(&transfer.request())
+            .with_context(incomplete)?;
+        let frame = answer(&mut port, &mut frames).with_context(incomplete)?;
+        transfer.on_answer(&frame).with_context(incomplete)?;
+    }
+    drop(port);
+    // It goes away to start the image. A port of another name may be anything.
+    let is_there = || named.is_none() && find().is_some();
+    let is_gone = (0..WRITING).any(|_| !is_there() || wait::<()>(LOOK).is_some());
+    ensure!(
+        is_gone,
+        "the board has all, and has not started: take it from the plug, and plug it in again"
+    );
+    Ok(())
+}
+
+/// The next frame.
+fn answer(port: &mut impl Read, frames: &mut Frames) -> Result<Vec<u8>> {
+    let mut byte = [0; 1];
+    let mut silent = Duration::ZERO;
+    loop {
+        match port.read(&mut byte) {
+            Ok(0) => bail!("the port is gone"),
+            Ok(_) => {
+                if let Some(frame) = frames.push(byte[0]) {
+                    return Ok(frame);
+                }
+            }
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => {
+                silent += LOOK;
+                ensure!(
+                    silent < SILENT,
+                    "the boot loader does not answer for {} s",
+                    SILENT.as_secs()
+                );
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// Serial ports of a USB device.
+fn ports_of((vendor, product): UsbNumbers) -> Vec<String> {
+    let is_it = |port: &SerialPortInfo| match &port.port_type {
+        SerialPortType::UsbPort(usb) => (usb.vid, usb.pid) == (vendor, product),
+        _ => false,
+    };
+    let ports = serialport::available_ports().unwrap_or_default();
+    let ports = ports.into_iter().filter(is_it);
+    ports.map(|port| port.port_name).collect()
 }

@@ -45,7 +45,7 @@ fn boards() -> impl TypedValueParser<Value = &'static Board> {
 /// Writes an image and a configuration page onto a board.
 ///
 /// With a debug probe (probe-rs); or, to a board that is sold with a boot loader, over its USB plug: as a file that is
-/// copied to the volume which the board shows.
+/// copied to the volume which the board shows, or as a package over the serial port that it has then (Nordic's DFU).
 ///
 /// The node's memory is kept. A page with another site key, role or number than the one in the
 /// board is refused without --erase-memory.
@@ -70,6 +70,9 @@ pub(super) struct Arguments {
     /// Folder of the volume that the boot loader shows; without it, it is looked for.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["probe", "lock", "unlock", "dry_run"])]
     volume: Option<PathBuf>,
+    /// Serial port of a boot loader that takes a package; without it, it is looked for.
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["file", "probe", "volume", "lock", "unlock", "dry_run"])]
+    port: Option<String>,
     /// Makes the node forget its network, its place and its extended address: when it was moved, or
     /// its memory is damaged.
     #[arg(long, requires = "config")]
@@ -167,7 +170,7 @@ impl Arguments {
 
     fn is_for_boot_loader(&self) -> bool {
         let asks_for_probe = self.probe.is_some() || self.lock || self.unlock || self.dry_run;
-        let asks_for_loader = self.file.is_some() || self.volume.is_some();
+        let asks_for_loader = self.file.is_some() || self.volume.is_some() || self.port.is_some();
         asks_for_loader || self.board.loader.is_some() && !asks_for_probe
     }
 
@@ -213,11 +216,17 @@ impl Arguments {
                 }
                 volume.write(&file)
             }
-            (None, Loader::Dfu { .. }) => bail!(
-                "a {} takes a package over its serial line, which another program brings: write it \
-                 with --file NODE.zip, which tells how",
-                self.board.title
-            ),
+            (None, Loader::Dfu { press, usb, .. }) => {
+                // The one before would go with the image before.
+                ensure!(
+                    bytes.is_some(),
+                    "a {} has its page within the image: name it with --config",
+                    self.board.title
+                );
+                let package = image.package(bytes.as_deref());
+                let package = package.context("the board's boot loader takes no package")?;
+                boot_loader::send(self.board, (press, usb), self.port.as_deref(), package)
+            }
         }
     }
 

@@ -2,6 +2,8 @@
 
 use std::{
     fs,
+    io::{ErrorKind, Read, Write},
+    ops::Range,
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
     thread,
@@ -11,6 +13,7 @@ use std::{
 use node_firmware::config::page::PAGE_MAX;
 
 use super::place::{CARRIER, Place};
+use crate::common::LineEnd;
 
 /// Notes its calls. It fails at the call that is named in `FAIL`. The file `read` has the contents of the
 /// board's flash, as probe-rs prints them; without it the flash is erased.
@@ -565,7 +568,7 @@ fn a_boot_loader_of_another_board_gets_nothing() {
     place.run(&words).fails("before the board's image");
 }
 
-/// A dongle takes a package, which another program brings; it holds the site key.
+/// A package for a dongle is a file, too, which another program may bring; it holds the site key.
 #[test]
 fn a_file_for_a_boot_loader() {
     let place = place();
@@ -577,7 +580,6 @@ fn a_file_for_a_boot_loader() {
         "--config=page.bin",
         "--file=node.zip",
     ];
-    place.run(&words[..4]).fails("--file NODE.zip");
     let run = place.run(&words);
     assert!(
         run.stderr.contains("dfu usb-serial -pkg node.zip"),
@@ -600,4 +602,158 @@ fn a_file_for_a_boot_loader() {
         .run(&[&words[..4], &["--file=page.bin"]].concat())
         .fails("page.bin");
     assert_eq!(fs::read(place.path("page.bin")).unwrap(), page);
+}
+
+/// Faults of a dongle's boot loader.
+#[derive(Clone, Debug, Default)]
+struct Faults {
+    /// The line spoils the first byte of these writes of the image.
+    spoils: Range<usize>,
+    /// Extended error at the end of the packet that tells about an image.
+    refuses: Option<u8>,
+}
+
+/// Nordic's boot loader at a serial line, as far as a transfer needs it (nRF5 SDK 17, "DFU protocol" and "DFU serial
+/// transport"), until it has an image of so many bytes. Returns what it has, and the longest frame.
+fn dongle(
+    mut line: LineEnd,
+    length: usize,
+    faults: Faults,
+) -> thread::JoinHandle<(Vec<u8>, usize)> {
+    const OBJECT: u32 = 256;
+    const FRAME: u16 = 67;
+    thread::spawn(move || {
+        let (mut parts, mut object) = ([Vec::new(), Vec::new()], Vec::new());
+        let (mut kind, mut writes, mut longest) = (0, 0, 0);
+        loop {
+            // A frame, and its length on the line.
+            let (mut frame, mut count) = (Vec::new(), 0);
+            loop {
+                let mut byte = [0];
+                match line.read(&mut byte) {
+                    Ok(1) => {}
+                    Ok(_) => panic!("the line is closed"),
+                    Err(error) if error.kind() == ErrorKind::TimedOut => continue,
+                    // The other side has gone.
+                    Err(_) => return (parts[1].clone(), longest),
+                }
+                count += 1;
+                match (byte[0], frame.last()) {
+                    (0xc0, _) => break,
+                    (0xdc, Some(0xdb)) => *frame.last_mut().unwrap() = 0xc0,
+                    (0xdd, Some(0xdb)) => {}
+                    (byte, _) => frame.push(byte),
+                }
+            }
+            longest = longest.max(count);
+            let told: Vec<u8> = match frame[0] {
+                1 => {
+                    kind = usize::from(frame[1]) - 1;
+                    let asked = u32::from_le_bytes(frame[2..6].try_into().unwrap());
+                    assert!(asked <= OBJECT, "{asked}");
+                    object.clear();
+                    Vec::new()
+                }
+                2 => Vec::new(),
+                3 => {
+                    let have = [&parts[kind][..], &object].concat();
+                    let crc = crc32(&have);
+                    [have.len() as u32, crc].map(u32::to_le_bytes).concat()
+                }
+                4 if kind == 0 && faults.refuses.is_some() => {
+                    let refusal = [0x60, 4, 0x0b, faults.refuses.unwrap(), 0xc0];
+                    line.write_all(&refusal).unwrap();
+                    continue;
+                }
+                4 => {
+                    parts[kind].append(&mut object);
+                    Vec::new()
+                }
+                6 => [OBJECT, 0, 0].map(u32::to_le_bytes).concat(),
+                7 => FRAME.to_le_bytes().to_vec(),
+                8 => {
+                    writes += kind;
+                    if kind == 1 && faults.spoils.contains(&writes) {
+                        frame[1] ^= 1;
+                    }
+                    object.extend(&frame[1..]);
+                    continue;
+                }
+                9 => frame[1..].to_vec(),
+                other => panic!("request {other}"),
+            };
+            let mut answer = Vec::new();
+            for byte in [&[0x60, frame[0], 1][..], &told].concat() {
+                match byte {
+                    0xc0 => answer.extend([0xdb, 0xdc]),
+                    0xdb => answer.extend([0xdb, 0xdd]),
+                    byte => answer.push(byte),
+                }
+            }
+            answer.push(0xc0);
+            line.write_all(&answer).unwrap();
+            if parts[1].len() == length {
+                return (parts[1].clone(), longest);
+            }
+        }
+    })
+}
+
+/// CRC-32 (ISO-HDLC), a bit at a time.
+fn crc32(bytes: &[u8]) -> u32 {
+    let bits = bytes.iter().fold(u32::MAX, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+            (crc >> 1) ^ (0xedb8_8320 * (crc & 1))
+        })
+    });
+    !bits
+}
+
+/// Without another program: image and page go over the serial line of the boot loader.
+#[test]
+fn a_dongle_takes_image_and_page_over_its_line() {
+    assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x1000, 0x1004)).unwrap();
+    let page = fs::read(place.path("page.bin")).unwrap();
+    // The page is 0x200 behind the image's begin.
+    let length = 0x200 + page.len();
+    let flash = |faults, config: &[&str]| {
+        let (device, _kept, name) = LineEnd::pair();
+        let loader = dongle(device, length, faults);
+        let port = format!("--port={name}");
+        let words = ["flash", "pca10059", "--image=image.elf", &port];
+        let run = place.run(&[&words, config].concat());
+        drop(_kept);
+        (run, loader)
+    };
+    let config = &["--config=page.bin"];
+    // What the line spoils is sent again.
+    for spoils in [0..0, 3..4, 2..20] {
+        let faults = Faults {
+            spoils,
+            ..Faults::default()
+        };
+        let (run, loader) = flash(faults, config);
+        run.ok();
+        let (image, longest) = loader.join().unwrap();
+        assert_eq!(image.len(), length);
+        assert!(image.starts_with(b"code") && image.ends_with(&page));
+        assert!(image[4..0x200].iter().all(|&byte| byte == 0xff));
+        assert!(longest <= 67, "{longest}");
+    }
+    let damaged = Faults {
+        spoils: 0..usize::MAX,
+        ..Faults::default()
+    };
+    let (run, _) = flash(damaged, config);
+    run.fails("damaged on the way");
+    let other = Faults {
+        refuses: Some(6),
+        ..Faults::default()
+    };
+    let (run, _) = flash(other, config);
+    run.fails("for other hardware");
+    let (run, _) = flash(Faults::default(), &[]);
+    run.fails("--config");
 }

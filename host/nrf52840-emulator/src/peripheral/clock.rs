@@ -16,6 +16,8 @@ const HFCLKRUN: u16 = 0x408;
 const HFCLKSTAT: u16 = 0x40c;
 const LFCLKRUN: u16 = 0x414;
 const LFCLKSTAT: u16 = 0x418;
+/// VBUS is there, and its regulator is ready.
+const USBREGSTATUS: u16 = 0x438;
 const SYSTEMOFF: u16 = 0x500;
 const POFCON: u16 = 0x510;
 const LFCLKSRC: u16 = 0x518;
@@ -50,9 +52,19 @@ pub struct Clock {
     pub hfxo_from: u64,
     /// The same for the crystal of 32.768 kHz.
     pub lfxo_from: u64,
+    /// The USB plug gives power, from power-on.
+    is_plugged: bool,
 }
 
 impl Clock {
+    /// With power from a USB plug, or without.
+    pub(crate) fn new(is_plugged: bool) -> Self {
+        Self {
+            is_plugged,
+            ..Self::default()
+        }
+    }
+
     /// Registers that stay through a reset by the program (Product Specification, "Reset behavior").
     pub(crate) const KEPT: [u16; 2] = RETAINED;
 }
@@ -145,7 +157,11 @@ impl Model for Clock {
     }
 
     fn read(&mut self, offset: u16, _: &mut Call<'_, '_>) -> Option<u32> {
-        (offset == RESETREAS).then_some(self.cause)
+        match offset {
+            RESETREAS => Some(self.cause),
+            USBREGSTATUS if self.is_plugged => Some(3),
+            _ => None,
+        }
     }
 
     fn reset(&mut self) {

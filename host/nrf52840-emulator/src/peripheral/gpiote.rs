@@ -185,7 +185,7 @@ mod tests {
 
     impl Pins {
         fn new() -> Self {
-            let soc = Soc::new(0, None, BTreeMap::new()).unwrap();
+            let soc = Soc::new(0, None, None, BTreeMap::new()).unwrap();
             Self(soc, Cells::default())
         }
 

@@ -17,6 +17,7 @@ mod temp;
 pub(crate) mod timer;
 pub(crate) mod twim;
 pub(crate) mod uarte;
+pub(crate) mod usbd;
 pub(crate) mod watchdog;
 
 pub(crate) use self::radio::RAMP_UP;
@@ -34,6 +35,7 @@ pub use self::{
     timer::Timer,
     twim::Twim,
     uarte::{Peer, Uarte, Wire},
+    usbd::{Names, Pc, Usbd},
     watchdog::Watchdog,
 };
 

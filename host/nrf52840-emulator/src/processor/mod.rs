@@ -468,7 +468,7 @@ mod tests {
         fn new(step: u32) -> Self {
             let lease = Lease::default();
             let mut board = Board {
-                soc: Soc::new(0, None, BTreeMap::new()).unwrap(),
+                soc: Soc::new(0, None, None, BTreeMap::new()).unwrap(),
                 program: Program::new([b"a test".as_slice()], 0..SIZE as u64),
                 processor: lease.clone(),
             };

@@ -180,15 +180,10 @@ fn all_nodes_of_a_network_take_an_image() {
     }
 }
 
-/// Forty nodes and a short image; in the long form (`XTASK_ALL`) a hundred, and one as long as that of all roles.
+/// Forty nodes and a short image; at night a hundred, and one as long as that of all roles.
 #[test]
 fn many_nodes_take_an_image_in_little_more_than_its_airtime() {
-    let is_long = std::env::var_os("XTASK_ALL").is_some();
-    let (cameras, length) = if is_long {
-        (100, 331_000)
-    } else {
-        (40, 120_000)
-    };
+    let (cameras, length) = test_support::amount((40, 120_000), (100, 331_000));
     let (share, seconds) = update(cameras, length, 0.01);
     println!("{cameras} cameras: {share:.2} of the image's airtime, {seconds:.0} s");
     assert!(share <= 1.3, "{share}");

@@ -1,5 +1,5 @@
 //! Prints results to compare between machines, over semihosting: `cargo xtask cortex-m` runs it on each
-//! processor, and `cargo xtask test --stage chip` on an emulated nRF52840, too.
+//! processor, and on this computer; `cargo xtask test --stage chip` on an emulated nRF52840, too.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![forbid(unsafe_code)]
 
@@ -42,8 +42,24 @@ mod on_board {
     }
 }
 
+/// The same on this computer; with `small`, what a processor prints that has no room for all.
 #[cfg(not(target_os = "none"))]
-fn main() {
-    eprintln!("this runs on an emulated processor: type `cargo xtask cortex-m`");
-    std::process::exit(1);
+fn main() -> std::process::ExitCode {
+    use bench_cortex_m::bits;
+
+    let mut output = String::new();
+    let options: Vec<String> = std::env::args().skip(1).collect();
+    let printed = match options.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        [] => bits::print_all(&mut output),
+        ["small"] => bits::print_small(&mut output),
+        _ => {
+            eprintln!("type `results`, or `results small`");
+            return std::process::ExitCode::from(2);
+        }
+    };
+    print!("{output}");
+    match printed {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(_) => std::process::ExitCode::FAILURE,
+    }
 }

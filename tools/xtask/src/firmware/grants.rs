@@ -7,6 +7,8 @@
 
 use std::collections::BTreeMap;
 
+use anyhow::{Result, ensure};
+
 use super::panics::Panic;
 
 /// Some branches that are not taken.
@@ -23,6 +25,9 @@ struct Grant {
 /// no caller polls a future that has ended, which neither `await` nor `join`, `select` or the executor does. They
 /// are printed, and not limited.
 const RESUMED: &str = "core::panicking::panic_const::panic_const_async_fn_resumed";
+
+/// Words for a crate of this project that has a branch to a panic.
+const OURS: &str = "may panic, and is of this project";
 
 const BOUNDS: &str = "core::panicking::panic_bounds_check";
 const BORROWED: &str = "core::cell::panic_already_borrowed";
@@ -112,6 +117,22 @@ impl<'a> Count<'a> {
             .map(|((krate, panic), panics)| format!("{:>6} {krate}: {panic}", panics.len()))
     }
 
+    /// Prints them all for a board whose panics are not counted.
+    ///
+    /// # Errors
+    /// A crate of this project has one.
+    pub(super) fn none_of_ours(&self, board: &str) -> Result<()> {
+        println!("\nBranches to a panic in the image of {board}:");
+        for line in self.lines() {
+            println!("{line}");
+        }
+        let ours: Vec<_> = { self.errors_but(&[], 0).into_iter() }
+            .filter(|error| error.contains(OURS))
+            .collect();
+        ensure!(ours.is_empty(), "{board}: {}", ours.join("\n"));
+        Ok(())
+    }
+
     /// Differences from the grants, for a board by its number.
     pub(super) fn errors(&self, board: usize) -> Vec<String> {
         self.errors_but(GRANTS, board)
@@ -131,10 +152,7 @@ impl<'a> Count<'a> {
             let granted = grant.map_or(0, |grant| grant.counts[board]);
             if panic == RESUMED {
             } else if panics.iter().copied().any(|panic| is_ours(&panic)) {
-                errors.push(format!(
-                    "{krate} may panic, and is of this project:{}",
-                    all()
-                ));
+                errors.push(format!("{krate} {OURS}:{}", all()));
             } else if panics.len() != granted {
                 errors.push(format!(
                     "{krate} has {} branches to {panic}, where tools/xtask/src/firmware/grants.rs says {granted}:{}",

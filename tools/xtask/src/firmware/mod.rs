@@ -264,7 +264,7 @@ fn check_roles(sh: &Shell, roles: &[Role]) -> Result<()> {
 
 /// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
 /// a budget, a panic, a byte outside of the board's region or, where all audited ones are among them, a figure in the
-/// documentation that is another one. Images that are to log more than errors are only built: logging takes room and
+/// documentation that is another one. Of other boards only panics of this project are looked for. Images that are to log more than errors are only built: logging takes room and
 /// stack, and formats text.
 fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
     let log = env::var_os(LOG).filter(|level| !level.is_empty());
@@ -274,9 +274,13 @@ fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
         let audited = AUDITED
             .iter()
             .position(|audited| audited.board.name == board.name);
-        if let (Some(number), None) = (audited, &log) {
-            let stack = stack::worst(&image)?;
-            measured.push((number, &AUDITED[number], image, stack));
+        match (audited, &log) {
+            (_, Some(_)) => {}
+            (None, None) => Count::new(&panics::find(&image)?).none_of_ours(board.name)?,
+            (Some(number), None) => {
+                let stack = stack::worst(&image)?;
+                measured.push((number, &AUDITED[number], image, stack));
+            }
         }
     }
     if let Some(level) = log {
@@ -439,6 +443,18 @@ impl Name {
 
 /// Compiles the image of a package for the boards. Returns the path that it is to have, and the image.
 fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<(PathBuf, Vec<u8>)> {
+    sh.create_dir(DIRECTORY)?;
+    let folder = sh.current_dir().join(DIRECTORY);
+    // Stages side by side: images of other features are built at the same path.
+    let lock = fs::File::create(folder.join("lock"))?;
+    lock.lock()?;
+    let built = built::program(&compiled(sh, package, chosen)?, package)?;
+    let elf = fs::read(&built).with_context(|| format!("{} is missing", built.display()))?;
+    Ok((folder.join(format!("{name}.elf")), elf))
+}
+
+/// Compiles a package as images are, and returns cargo's messages.
+pub(crate) fn compiled(sh: &Shell, package: &str, chosen: &[String]) -> Result<String> {
     setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
     // Only here: other programs of this target have their own layout of the memory.
@@ -452,14 +468,7 @@ fn compile(sh: &Shell, package: &str, name: &str, chosen: &[String]) -> Result<(
     )
     .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER);
     eprintln!("$ {cargo}");
-    sh.create_dir(DIRECTORY)?;
-    let folder = sh.current_dir().join(DIRECTORY);
-    // Stages side by side: images of other features are built at the same path.
-    let lock = fs::File::create(folder.join("lock"))?;
-    lock.lock()?;
-    let built = built::program(&cargo.quiet().read()?, package)?;
-    let elf = fs::read(&built).with_context(|| format!("{} is missing", built.display()))?;
-    Ok((folder.join(format!("{name}.elf")), elf))
+    Ok(cargo.quiet().read()?)
 }
 
 /// Writes a file at once: a stage beside this one may read it just now.

@@ -27,6 +27,9 @@ const PANICS: [&str; 9] = [
     "__rustc::rust_begin_unwind",
 ];
 
+/// Beginning of the names of functions that the compiler makes of what others have in common.
+const OUTLINED: &str = "OUTLINED_FUNCTION_";
+
 /// Calls after which the way to a panic is not followed any more.
 const DEEPEST: usize = 8;
 
@@ -85,7 +88,11 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
                 if is_panic(name) || way.contains(&address) {
                     continue;
                 }
-                for inlined in origins(&lines, &image.functions[&address], at)? {
+                for mut inlined in origins(&lines, &image.functions[&address], at)? {
+                    // It belongs to those that call it.
+                    if name.starts_with(OUTLINED) && !inlined.has_line {
+                        inlined.krate = None;
+                    }
                     let mut place: Vec<String> = below.clone();
                     place.extend(inlined.places);
                     // Code of the language's library that crates share belongs to its caller.

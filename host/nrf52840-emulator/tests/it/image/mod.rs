@@ -33,12 +33,12 @@ use virtual_hardware::{
     random::Root,
 };
 
-const S: u64 = 1_000_000_000;
+pub(crate) const S: u64 = 1_000_000_000;
 const MS: u64 = 1_000_000;
 /// Address of the configuration page.
 const PAGE: u64 = 0xf_f000;
 /// 40 dB above the least that is heard.
-const LEVEL: u8 = 40;
+pub(crate) const LEVEL: u8 = 40;
 
 fn image() -> PathBuf {
     let image = env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set");
@@ -46,9 +46,9 @@ fn image() -> PathBuf {
 }
 
 /// A site as it is rehearsed, of one network: its world, and the configuration of its nodes.
-struct Rehearsal {
+pub(crate) struct Rehearsal {
     site: Site,
-    configs: NetworkConfigs,
+    pub(crate) configs: NetworkConfigs,
 }
 
 impl Rehearsal {
@@ -65,7 +65,7 @@ impl Rehearsal {
     }
 
     /// A CMUcam2 that sees the target at its first stop, if it can.
-    fn eye(&self, number: usize) -> Camera {
+    pub(crate) fn eye(&self, number: usize) -> Camera {
         let camera = &self.site.networks[0].cameras[number];
         let mut scene = Scene::default();
         let view = self.site.world.look(camera.index);
@@ -118,7 +118,7 @@ impl Rehearsal {
     }
 }
 
-fn lab() -> Rehearsal {
+pub(crate) fn lab() -> Rehearsal {
     Rehearsal::of("lab")
 }
 
@@ -143,7 +143,7 @@ fn again(lab: &Rehearsal, before: &Outcome) -> Node {
 
 /// A CMUcam2 that was switched on with its node.
 #[derive(Debug)]
-struct Camera(Emulator);
+pub(crate) struct Camera(Emulator);
 
 impl Peer for Camera {
     fn receive(&mut self, byte: u8, at: u64) {

@@ -1,6 +1,8 @@
 //! A package for Nordic's boot loader with DFU: a ZIP file of a manifest, an image, and an init packet (nRF5 SDK,
 //! "DFU bootloader", `dfu-cc.proto`). It is not signed: the boot loader of the dongle does not ask for that.
 
+pub mod serial;
+
 use std::io::{Cursor, Write};
 
 use serde_json::json;
@@ -13,28 +15,45 @@ const INIT: &str = "node.dat";
 /// Number that the boot loader would compare with that of the image before; a dongle's takes any.
 const VERSION: u64 = 1;
 
-/// A package of this image.
-pub(crate) fn package(hardware: u32, image: &[u8]) -> Vec<u8> {
-    let manifest = json!({
-        "manifest": { "application": { "bin_file": IMAGE, "dat_file": INIT } }
-    });
-    let init = init_packet(hardware, image);
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    // The same bytes from the same image, at any time.
-    let options = SimpleFileOptions::default()
-        .compression_method(CompressionMethod::Stored)
-        .last_modified_time(zip::DateTime::default());
-    for (name, bytes) in [
-        ("manifest.json", manifest.to_string().as_bytes()),
-        (INIT, &init),
-        (IMAGE, image),
-    ] {
-        let written = zip
-            .start_file(name, options)
-            .and_then(|()| Ok(zip.write_all(bytes)?));
-        written.expect("memory takes all");
+/// An image, and the packet that tells a boot loader about it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Package {
+    init: Vec<u8>,
+    image: Vec<u8>,
+}
+
+impl Package {
+    /// A package of this image.
+    pub(crate) fn new(hardware: u32, image: Vec<u8>) -> Self {
+        Self {
+            init: init_packet(hardware, &image),
+            image,
+        }
     }
-    zip.finish().expect("memory takes all").into_inner()
+
+    /// The package as a ZIP file.
+    pub fn file(&self) -> Vec<u8> {
+        let Self { init, image } = self;
+        let manifest = json!({
+            "manifest": { "application": { "bin_file": IMAGE, "dat_file": INIT } }
+        });
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        // The same bytes from the same image, at any time.
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .last_modified_time(zip::DateTime::default());
+        for (name, bytes) in [
+            ("manifest.json", manifest.to_string().as_bytes()),
+            (INIT, init),
+            (IMAGE, image),
+        ] {
+            let written = zip
+                .start_file(name, options)
+                .and_then(|()| Ok(zip.write_all(bytes)?));
+            written.expect("memory takes all");
+        }
+        zip.finish().expect("memory takes all").into_inner()
+    }
 }
 
 /// `Packet { command: Command { op_code: INIT, init: InitCommand } }`.
