@@ -549,7 +549,7 @@ fn the_coordinators_of_a_site_are_one_site() {
     );
     let lines = [format!("1:{first}"), format!("2:{second}")];
     let mut rehearsal = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .args(["run", &site, "--speed", "3x", "--json", &kept])
+        .args(["run", &site, "--speed", "8x", "--json", &kept])
         .args(["--console", &lines[0], "--console", &lines[1]])
         .stdout(Stdio::null())
         .stderr(Stdio::null())

@@ -46,7 +46,7 @@ pub enum DfuError {
     /// It answers other than it should.
     #[error("the boot loader answers to {0} in a way that is not known: is it Nordic's?")]
     Unexpected(&'static str),
-    /// What it received is damaged, again and again.
+    /// Bytes of an object are damaged, again and again.
     #[error("bytes were damaged on the way to the boot loader, {REPEATS} times: try another cable")]
     Damaged,
 }
@@ -82,7 +82,7 @@ impl Part {
     }
 }
 
-/// What was asked, or is to be asked. An object of a part is told by its begin.
+/// A request, with the part and the begin of the object that it is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
     Ping,
