@@ -3,6 +3,7 @@
 //! | module | |
 //! |---|---|
 //! | `board` | pins of a board, and the peripherals that they belong to |
+//! | `guarded` | the USB device of the chip, without its panics |
 //! | `identity` | a true random number |
 //! | `line` | the UART to the camera or the PC |
 //! | `memory` | the flash |
@@ -31,6 +32,8 @@ pub use board_support;
 cfg_if::cfg_if! {
     if #[cfg(target_os = "none")] {
         mod board;
+        #[cfg(feature = "usb")]
+        mod guarded;
         mod identity;
         mod line;
         mod memory;

@@ -21,14 +21,17 @@ use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::config::{CheckedConfig, RoleConfig};
 use static_cell::StaticCell;
 
-use crate::line::{Line, Uart};
+use crate::{
+    guarded::Guarded,
+    line::{Line, Uart},
+};
 
 bind_interrupts!(struct Irqs {
     USBD => usb::InterruptHandler<peripherals::USBD>;
     CLOCK_POWER => vbus_detect::InterruptHandler;
 });
 
-type Usb = Driver<'static, HardwareVbusDetect>;
+type Usb = Guarded<Driver<'static, HardwareVbusDetect>>;
 /// The device, which answers to the PC.
 type Device = UsbDevice<'static, Usb>;
 
@@ -161,7 +164,7 @@ impl Plug {
         // A longer one would be more than the answer has room for.
         config.product = Some(board.title).filter(|title| title.len() <= NAME);
         config.serial_number = Some(serial(&mut memory.serial));
-        let driver = Driver::new(usb, Irqs, HardwareVbusDetect::new(Irqs));
+        let driver = Guarded(Driver::new(usb, Irqs, HardwareVbusDetect::new(Irqs)));
         let mut builder = Builder::new(
             driver,
             config,

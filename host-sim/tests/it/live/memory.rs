@@ -110,10 +110,7 @@ async fn memory_does_not_grow_without_end() {
     // A picture more or less, and the reserves of the allocators.
     const SLACK: u64 = 3 << 20;
     assert!(last.1 <= ten.1 + ten.1 / 10 + SLACK, "page: {measured:?}");
-    assert!(
-        last.2 <= ten.2 + ten.2 / 10 + SLACK,
-        "server: {measured:?}"
-    );
+    assert!(last.2 <= ten.2 + ten.2 / 10 + SLACK, "server: {measured:?}");
     // An hour can still be played back completely.
     assert!(hour.1 < 64 << 20, "page: {measured:?}");
     browser.end().await;

@@ -598,6 +598,10 @@ mod tests {
         assert_eq!(take(&mut bench, 0), [0, 0xc2, 1, 0, 0, 0, 8]);
         bench.task(EP0STATUS);
         bench.pass(FRAME);
+        // GET_STATUS of an endpoint that it has not.
+        assert_eq!(setup(&mut bench), [0x82, 0, 0, 0, 0x8a, 0, 2, 0]);
+        bench.task(EP0STALL);
+        bench.pass(FRAME);
         // SET_CONTROL_LINE_STATE.
         assert_eq!(setup(&mut bench), [0x21, 0x22, 3, 0, 0, 0, 0, 0]);
         bench.task(EP0STATUS);
