@@ -78,8 +78,8 @@ struct Stage {
 enum Lane {
     /// Builds for boards, from nothing that others build.
     Boards,
-    /// Waits more than it computes.
-    Peers,
+    /// Keeps one processor busy, or none: as the emulated chips do, which run meanwhile.
+    Short,
 }
 
 impl Lane {
@@ -87,7 +87,7 @@ impl Lane {
     const fn name(self) -> &'static str {
         match self {
             Self::Boards => "boards",
-            Self::Peers => "peers",
+            Self::Short => "short",
         }
     }
 }
@@ -166,7 +166,7 @@ const STAGES: [Stage; 23] = [
         peers::run,
     )
     .needs(setup::packages)
-    .lane(Lane::Peers),
+    .lane(Lane::Short),
     stage(
         "chip",
         "the image that is flashed, on an emulated nRF52840",
@@ -178,17 +178,20 @@ const STAGES: [Stage; 23] = [
         "instructions of short runs of host-sim",
         scale::run,
     )
-    .needs(setup::packages),
+    .needs(setup::packages)
+    .lane(Lane::Short),
     stage(
         "bench",
         "figures of the README that are quickly computed",
         bench,
-    ),
+    )
+    .lane(Lane::Short),
     stage(
         "campaign",
         "random sites with faults of all kinds",
         campaign,
-    ),
+    )
+    .lane(Lane::Short),
     stage(
         "bare",
         "each library with and without its features, on two processors",

@@ -109,8 +109,8 @@ const ROLES: [Role; 3] = [
     },
     Role {
         name: "coordinator",
-        flash: 136 << 10,
-        ram: 52 << 10,
+        flash: 132 << 10,
+        ram: 53 << 10,
     },
     Role {
         name: "target",
