@@ -50,7 +50,7 @@ const STATICS: &str = "start-up: statics are taken once";
 #[rustfmt::skip]
 const GRANTS: &[Grant] = &[
     grant("aes", BOUNDS, [16, 16], CIPHER),
-    grant("aes", SLICE, [9, 9], CIPHER),
+    grant("aes", SLICE, [11, 11], CIPHER),
     grant("cobs", BOUNDS, [2, 2], "the frame ends with its zero, and is read up to there only; tested with any bytes"),
     grant("defmt-rtt", MESSAGE, [2, 2], LOGGER),
     grant("embassy-executor", MESSAGE, [1, 1], "time is awaited by tasks of the executor only, whose wakers these are"),
