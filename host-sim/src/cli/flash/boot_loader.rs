@@ -5,7 +5,7 @@ use std::{
     io::{self, Read, Write},
     path::{Path, PathBuf},
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -13,12 +13,12 @@ use board_facts::{Board, Loader};
 use flash_file::{
     dfu::{
         Package,
-        serial::{Frames, Transfer},
+        serial::{END, Frames, Transfer},
     },
     uf2,
 };
 use node_firmware::config::page::PAGE_MAX;
-use serialport::{SerialPortInfo, SerialPortType};
+use serialport::{ClearBuffer, SerialPortInfo, SerialPortType};
 
 use super::super::tell;
 
@@ -238,12 +238,17 @@ pub(super) fn send(
             board.title
         )
     })?;
-    let open = || serialport::new(&name, BAUD).timeout(LOOK).open().ok();
-    let mut port = match (0..OPENING).find_map(|_| open().or_else(|| wait(LOOK))) {
+    let open = || serialport::new(&name, BAUD).timeout(SILENT).open();
+    let mut port = match (0..OPENING).find_map(|_| open().ok().or_else(|| wait(LOOK))) {
         Some(port) => port,
-        None => { serialport::new(&name, BAUD).timeout(LOOK).open() }
-            .with_context(|| format!("{name} cannot be opened, and nothing was written"))?,
+        None => {
+            open().with_context(|| format!("{name} cannot be opened, and nothing was written"))?
+        }
     };
+    // A frame that an interrupted transfer left unfinished ends here, and what is said of it is not heard.
+    port.write_all(&[END])?;
+    thread::sleep(LOOK);
+    port.clear(ClearBuffer::Input)?;
     let mut transfer = Transfer::new(package);
     let mut frames = Frames::default();
     while !transfer.is_done() {
@@ -273,8 +278,14 @@ pub(super) fn send(
 /// The next frame.
 fn answer(port: &mut impl Read, frames: &mut Frames) -> Result<Vec<u8>> {
     let mut byte = [0; 1];
-    let mut silent = Duration::ZERO;
+    let begun = Instant::now();
     loop {
+        // Also where something talks without an end that is no boot loader.
+        ensure!(
+            begun.elapsed() < SILENT,
+            "the boot loader does not answer for {} s",
+            SILENT.as_secs()
+        );
         match port.read(&mut byte) {
             Ok(0) => bail!("the port is gone"),
             Ok(_) => {
@@ -282,15 +293,9 @@ fn answer(port: &mut impl Read, frames: &mut Frames) -> Result<Vec<u8>> {
                     return Ok(frame);
                 }
             }
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => {
-                silent += LOOK;
-                ensure!(
-                    silent < SILENT,
-                    "the boot loader does not answer for {} s",
-                    SILENT.as_secs()
-                );
-            }
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error)
+                if [io::ErrorKind::TimedOut, io::ErrorKind::Interrupted]
+                    .contains(&error.kind()) => {}
             Err(error) => return Err(error.into()),
         }
     }

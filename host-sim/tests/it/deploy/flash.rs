@@ -646,7 +646,10 @@ fn dongle(
                 }
             }
             longest = longest.max(count);
-            let told: Vec<u8> = match frame[0] {
+            let Some(&request) = frame.first() else {
+                continue;
+            };
+            let told: Vec<u8> = match request {
                 1 => {
                     kind = usize::from(frame[1]) - 1;
                     let asked = u32::from_le_bytes(frame[2..6].try_into().unwrap());
@@ -680,10 +683,14 @@ fn dongle(
                     continue;
                 }
                 9 => frame[1..].to_vec(),
-                other => panic!("request {other}"),
+                // Not supported.
+                other => {
+                    line.write_all(&[0x60, other, 2, 0xc0]).unwrap();
+                    continue;
+                }
             };
             let mut answer = Vec::new();
-            for byte in [&[0x60, frame[0], 1][..], &told].concat() {
+            for byte in [&[0x60, request, 1][..], &told].concat() {
                 match byte {
                     0xc0 => answer.extend([0xdb, 0xdc]),
                     0xdb => answer.extend([0xdb, 0xdd]),
@@ -719,12 +726,14 @@ fn a_dongle_takes_image_and_page_over_its_line() {
     // The page is 0x200 behind the image's begin.
     let length = 0x200 + page.len();
     let flash = |faults, config: &[&str]| {
-        let (device, _kept, name) = LineEnd::pair();
+        let (device, mut kept, name) = LineEnd::pair();
+        // A transfer before was interrupted in a frame.
+        kept.write_all(&[0x77, 1]).unwrap();
         let loader = dongle(device, length, faults);
         let port = format!("--port={name}");
         let words = ["flash", "pca10059", "--image=image.elf", &port];
         let run = place.run(&[&words, config].concat());
-        drop(_kept);
+        drop(kept);
         (run, loader)
     };
     let config = &["--config=page.bin"];

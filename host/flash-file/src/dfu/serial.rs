@@ -8,7 +8,8 @@ use super::Package;
 /// Times that an object is sent again, if its checksum is wrong.
 const REPEATS: u8 = 3;
 
-const END: u8 = 0xc0;
+/// End of a frame.
+pub const END: u8 = 0xc0;
 const ESCAPE: u8 = 0xdb;
 const ESCAPED_END: u8 = 0xdc;
 const ESCAPED_ESCAPE: u8 = 0xdd;

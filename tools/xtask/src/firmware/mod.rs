@@ -264,8 +264,8 @@ fn check_roles(sh: &Shell, roles: &[Role]) -> Result<()> {
 
 /// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
 /// a budget, a panic, a byte outside of the board's region or, where all audited ones are among them, a figure in the
-/// documentation that is another one. Of other boards only panics of this project are looked for. Images that are to log more than errors are only built: logging takes room and
-/// stack, and formats text.
+/// documentation that is another one. Of other boards only panics of this project are looked for. Images that are to log
+/// more than errors are only built: logging takes room and stack, and formats text.
 fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
     let log = env::var_os(LOG).filter(|level| !level.is_empty());
     let mut measured = Vec::new();
