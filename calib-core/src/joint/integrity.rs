@@ -119,9 +119,9 @@ impl<T: Real> Survey<T> {
     }
 
     /// `odds` decide between findings of equal strength.
-    fn offer(&mut self, found: Finding<T>, strength: T, odds: f64) {
+    fn offer(&mut self, found: Finding<T>, strength: T, odds: T) {
         if strength > lit(LIMIT) {
-            let weighed = strength * lit(odds);
+            let weighed = strength * odds;
             let is_more =
                 |than: &Option<(Finding<T>, T)>| than.is_none_or(|(_, most)| weighed > most);
             if is_more(&self.strongest) {
@@ -208,9 +208,9 @@ impl<T: Real> Problem<'_, T> {
             let strength = strength(off * off, 1);
             let is_strong = strength > lit(LIMIT);
             let odds = if is_strong && self.repeats(n) {
-                OF_REPEATED
+                lit(OF_REPEATED)
             } else {
-                1.0
+                T::one()
             };
             let stop = residual.stop;
             let found = match residual.quantity {
@@ -248,7 +248,7 @@ impl<T: Real> Problem<'_, T> {
                 chi_squared: leg.chi_squared,
             };
             let strength = strength(leg.chi_squared, leg.degrees_of_freedom);
-            survey.offer(found, strength, OF_LEG);
+            survey.offer(found, strength, lit(OF_LEG));
             if strength > lit(LIMIT)
                 && self.may_be_blamed(leg.stop)
                 && survey.leg.is_none_or(|(_, most)| leg.chi_squared > most)
@@ -337,11 +337,11 @@ impl<T: Real> Problem<'_, T> {
                 let mut later = { problem.own(camera) }
                     .filter(|(_, sight)| sight.is_bearing() && usize::from(sight.stop) > from);
                 let odds = if later.all(|(n, _)| problem.repeats(n)) {
-                    OF_REPEATED
+                    lit(OF_TAIL * OF_REPEATED)
                 } else {
-                    1.0
+                    lit(OF_TAIL)
                 };
-                offered.offer(found, strength, OF_TAIL * odds);
+                offered.offer(found, strength, odds);
             }
         })?;
         *survey = offered;

@@ -37,6 +37,7 @@
 //!     extended: Eui64([3; 8]),
 //!     coordinator: false,
 //!     promiscuous: true,
+//!     sampled: false,
 //! };
 //! let mut executor = Executor::new();
 //! let clock = executor.clock();

@@ -138,6 +138,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         extended: Eui64([3; 8]),
         coordinator: false,
         promiscuous: false,
+        sampled: false,
     };
     let mut radio: SpinelRadio<_, _> = SpinelRadio::new(uart, Still);
     let mut buffer = [0; PSDU_MAX];

@@ -22,6 +22,7 @@ pub(crate) fn node(role: RoleConfig) -> Config {
         tx_power: -4,
         protection: Protection::EncMic64,
         role,
+        sleeps: false,
     }
 }
 

@@ -55,6 +55,10 @@ pub struct Config {
     pub protection: Protection,
     /// Role of the node.
     pub role: RoleConfig,
+    /// Devices of its network sleep while that is quiet: true of all nodes of a site, or of none.
+    // Behind all else in a page, where older ones have nothing.
+    #[serde(skip)]
+    pub sleeps: bool,
 }
 
 /// The channels that there are.
@@ -516,6 +520,7 @@ impl Config {
             tx_power: 0,
             protection: Protection::EncMic64,
             role,
+            sleeps: false,
         }
     }
 

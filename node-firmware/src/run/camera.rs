@@ -7,6 +7,7 @@ use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{
     Instant,
+    link::WAKE_FOR,
     runner::{Clock, Delay},
 };
 
@@ -47,7 +48,7 @@ enum Start {
 }
 
 pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
-    (id, optics): (u16, Camera<f32>),
+    (id, optics, sleeps): (u16, Camera<f32>, bool),
     config: &CameraConfig,
     services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
@@ -64,6 +65,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
         config,
         optics,
         subjects: config.subjects.clone(),
+        sleeps,
         clock,
         liveness,
     };
@@ -98,6 +100,8 @@ struct CameraDevice<'a, K, C> {
     optics: Camera<f32>,
     /// Colours may be learnt anew.
     subjects: Subjects,
+    /// The camera sleeps while the network does.
+    sleeps: bool,
     clock: &'a C,
     liveness: &'a Liveness,
 }
@@ -111,6 +115,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         let mut judge = self.config.judge(self.optics);
         let mut start = Some(Start::First);
         let mut next = None;
+        let mut is_asleep = false;
         loop {
             if let Some(start) = start.take() {
                 self.wake(&events, start).await;
@@ -119,12 +124,24 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Some(task) => task,
                 None => {
                     self.liveness.on_camera_rests();
-                    match select(tasks.receive(), self.camera.rest()).await {
-                        Either::First(task) => task,
-                        Either::Second(never) => match never {},
+                    // It is not asked for anything for as long as its node would listen.
+                    let until = match self.may_sleep() && !is_asleep {
+                        true => self.clock.now() + WAKE_FOR,
+                        false => Instant(u64::MAX),
+                    };
+                    let late = self.clock.sleep_until(until);
+                    match select3(tasks.receive(), self.camera.rest(), late).await {
+                        Either3::First(task) => task,
+                        Either3::Second(never) => match never {},
+                        Either3::Third(()) => {
+                            self.camera.sleep().await;
+                            is_asleep = true;
+                            continue;
+                        }
                     }
                 }
             };
+            is_asleep = false;
             self.liveness.on_camera_works(self.clock.now());
             // A target that waits hears that the camera starts before it does: it would give up before that is over.
             let event = match task {
@@ -160,6 +177,12 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                             CommandOutcome::CommonColour(share)
                         }
                         Err(VisionError::PartOfObject) => CommandOutcome::PartOfObject,
+                        Err(VisionError::NotStarted) => {
+                            // People ask for it once.
+                            start = Some(Start::Again);
+                            next = Some(task);
+                            continue;
+                        }
                         Err(_) => CommandOutcome::Failed,
                     };
                     if outcome.is_success()
@@ -210,6 +233,11 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             pause = (pause * 2).min(PAUSE_MAX_US);
         }
         events.send(CameraEvent::Ready).await;
+    }
+
+    /// A camera that sleeps loses its background.
+    fn may_sleep(&self) -> bool {
+        self.sleeps && !matches!(self.subjects, Subjects::Motion { .. })
     }
 
     async fn start_up(&mut self) -> Result<(), VisionError> {

@@ -178,6 +178,7 @@ pub async fn run<H: Hardware>(
     settings.channels = config.channels();
     settings.tx_power = config.settings().tx_power;
     settings.protection = config.settings().protection;
+    settings.sleeps = config.settings().sleeps;
     let network = share_node::<H>(&clock, &config.settings().role, settings, &saved, &members);
     if let RoleConfig::Coordinator(own) = &config.settings().role {
         for &device in &own.allow {
@@ -284,7 +285,11 @@ async fn run_role<H: Hardware, N: Network + Administration, F: NorFlash>(
         #[cfg(feature = "camera")]
         RoleConfig::Camera(own) => {
             Outlined(pin!(camera::run(
-                (config.settings().id, config.optics()),
+                (
+                    config.settings().id,
+                    config.optics(),
+                    config.settings().sleeps
+                ),
                 own,
                 services,
                 (uart, buttons)

@@ -14,6 +14,8 @@
 //! the frame), `PF` off (silence stays an error), `RM` off (text is checked, raw bytes are not), `DS 1
 //! 1` and the whole window (each column counts).
 //!
+//! While nothing is to be looked at, `SD` has the camera sleep. The start-up wakes it.
+//!
 //! At 38,400 baud a polled packet takes command, `ACK`, the rest of the frame under way and
 //! one frame of 20 ms, and up to 9 ms of text: five take about 0.3 s at most.
 //!
@@ -286,6 +288,12 @@ impl<U: Read + Write, D: DelayNs, K: TimeSource> BlobCamera for Cmucam2BlobCamer
         self.subject = None;
         self.ask(Request::Stop).await?;
         Ok(())
+    }
+
+    async fn sleep(&mut self) {
+        self.forget();
+        // One that does not hear it goes on waiting.
+        let _ = self.ask(Request::Do(Command::DeepSleep.order())).await;
     }
 }
 

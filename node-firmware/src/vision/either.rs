@@ -80,6 +80,13 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for EitherCamera<U, D> {
         }
     }
 
+    async fn sleep(&mut self) {
+        // None of the others can.
+        if let Self::Cmucam2(camera) = self {
+            camera.sleep().await;
+        }
+    }
+
     async fn rest(&mut self) -> Infallible {
         match self {
             Self::Cmucam2(camera) => camera.rest().await,

@@ -103,6 +103,11 @@ pub trait BlobCamera {
     /// [`VisionError`].
     fn end(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
+    /// Has the camera sleep, if it can. It is then to be [started up](Self::start_up) before anything else.
+    fn sleep(&mut self) -> impl Future<Output = ()> {
+        async {}
+    }
+
     /// Reads what a camera tells that is not asked, until the call is dropped: the line must not overflow.
     fn rest(&mut self) -> impl Future<Output = Infallible> {
         pending()

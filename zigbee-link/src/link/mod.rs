@@ -34,6 +34,7 @@ mod freshness;
 mod outgoing;
 mod packet;
 mod receive;
+mod sleep;
 #[cfg(test)]
 mod tests;
 
@@ -45,10 +46,12 @@ use self::{
     freshness::{Challenges, Reply, ReplyKind},
     outgoing::{AT_ONCE, Outgoing},
     packet::{Kind, MESSAGE_HEADER, Packet},
+    sleep::Sleep,
 };
 pub use self::{
     outgoing::{ATTEMPTS, BROADCAST_COPIES, Delivery, RETRY_FIRST, RETRY_MAX, SendError, Ticket},
     packet::VERSION,
+    sleep::WAKE_FOR,
 };
 use crate::{
     Instant,
@@ -184,6 +187,7 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     /// The node that may hand on the next key; `None`: any node that has the coordinator's address.
     authority: Option<Eui64>,
     presence: Presence,
+    sleep: Sleep,
     /// Broadcasts that are still to be sent from the extended address.
     introductions: u8,
     /// Messages to members in a row that came at the first attempt, [`AT_ONCE`] at most.
@@ -211,6 +215,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             attachment: None,
             authority: None,
             presence: Presence::default(),
+            sleep: Sleep::new(),
             introductions: 0,
             at_once: 0,
             losses: 0,
@@ -244,6 +249,41 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             until: None,
             always: true,
         };
+    }
+
+    /// Devices of the network sleep while it is quiet.
+    pub(crate) const fn sleep_when_quiet(&mut self) {
+        self.sleep.begin();
+    }
+
+    /// Listens for a while.
+    pub(crate) fn stay_awake(&mut self, now: Instant) {
+        self.sleep.stay_awake(now);
+    }
+
+    /// Takes note of the time, for its sleep. It listens before it sends: an answer may come at once.
+    pub(crate) fn poll_sleep(&mut self, now: Instant) {
+        self.sleep.poll(now);
+        if self.deadline().is_some_and(|at| at <= now) {
+            self.sleep.on_asking(now);
+        }
+    }
+
+    /// Returns true if it sleeps, unless it is a coordinator.
+    pub(crate) const fn is_asleep(&self) -> bool {
+        self.sleep.is_asleep()
+    }
+
+    /// Wakes all devices that sleep, before anything else is sent.
+    pub(crate) fn wake_all(&mut self, now: Instant) {
+        if self.sleep.has_to_wake(now, ShortAddress::BROADCAST, 0) {
+            self.sleep.wake(now, ShortAddress::BROADCAST);
+        }
+    }
+
+    /// Returns true while others are woken.
+    pub(crate) fn is_waking(&self) -> bool {
+        self.sleep.waking().is_some()
     }
 
     /// Takes the next key only from this one.
@@ -443,6 +483,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     }
 
     /// Time to call [`poll_transmit`](Self::poll_transmit) next, unless something else happens.
+    // for less flash
+    #[inline(never)]
     pub fn deadline(&self) -> Option<Instant> {
         let replies = self.replies.iter().map(|reply| reply.due);
         let outgoing = self
@@ -451,7 +493,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             .filter(|outgoing| self.is_next(outgoing))
             .map(|outgoing| outgoing.due);
         let presence = self.presence.due.filter(|_| self.short().is_some());
-        replies.chain(outgoing).chain(presence).min()
+        let sleep = self.sleep.deadline();
+        replies.chain(outgoing).chain(presence).chain(sleep).min()
     }
 
     /// Returns true if a message waits, and no earlier one to the same destination does.
@@ -465,6 +508,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// what is due when there are none is lost like a frame on the air.
     pub fn poll_transmit(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
         self.attachment?;
+        if let Some(to) = self.sleep.waking() {
+            return self.transmit_wake(to, buffer);
+        }
         if let Some(len) = self.transmit_reply(now, buffer) {
             return Some(len);
         }
@@ -474,6 +520,11 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             };
             if outgoing.due > now || !self.is_next(outgoing) {
                 continue;
+            }
+            let (to, attempts) = (outgoing.destination, outgoing.attempts);
+            if self.sleep.has_to_wake(now, to, attempts) {
+                self.sleep.wake_for(now, to, attempts);
+                return self.transmit_wake(self.sleep.waking()?, buffer);
             }
             match self.transmit_message(place, now, buffer) {
                 Some(len) => return Some(len),
@@ -486,6 +537,17 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             }
         }
         self.transmit_presence(now, buffer)
+    }
+
+    /// An empty frame, which wakes this node or all.
+    fn transmit_wake(&mut self, to: ShortAddress, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
+        let Attachment { pan, short } = self.attachment?;
+        let header = Header {
+            destination: Panned::new(pan, Address::Short(to)),
+            source: Panned::compressed(Address::Short(short)),
+            ..Header::new(FrameType::Data, self.next_sequence())
+        };
+        header.emit(buffer).ok()
     }
 
     fn transmit_presence(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {

@@ -12,7 +12,7 @@ use crate::{
     Instant,
     log::debug,
     security::{Envelope, Key, Opened, Refused, Sender},
-    wire::{Address, Eui64, FrameType, MacCommand, Malformed, PanId, Panned, ShortAddress},
+    wire::{Address, Eui64, FrameType, Header, MacCommand, Malformed, PanId, Panned, ShortAddress},
 };
 
 /// Receivers of a broadcast that ask after it do so within this time.
@@ -48,6 +48,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 return LinkEvent::Nothing;
             }
         };
+        if !broadcast {
+            self.sleep.on_answered();
+        }
         let event = match opened.frame_type {
             FrameType::Command => self.command(now, broadcast, &opened),
             _ => self.packet(now, broadcast, &opened),
@@ -57,6 +60,15 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             debug!("unknown: {}", malformed);
             LinkEvent::Nothing
         })
+    }
+
+    /// Takes in an empty frame that is not secured.
+    pub(crate) fn on_wake(&mut self, now: Instant, header: &Header) {
+        if let Some(is_broadcast) = self.is_for_us(header.destination)
+            && let Some(Address::Short(from)) = header.source.address
+        {
+            self.sleep.on_wake(now, from, is_broadcast);
+        }
     }
 
     /// Asks the sender of a frame to prove that it is fresh. Every node hears a broadcast at once, and would ask

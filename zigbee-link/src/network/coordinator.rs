@@ -675,6 +675,7 @@ mod tests {
             tx_power: 0,
             protection: Protection::EncMic64,
             seed: 1,
+            sleeps: false,
         });
         let counter = Counter::resume(0);
         let extended = NETWORK.coordinator;

@@ -110,6 +110,10 @@ impl Device {
         self.home
     }
 
+    pub(super) const fn is_joined(&self) -> bool {
+        matches!(self.state, State::Joined { .. })
+    }
+
     /// Time to [`poll`](Self::poll).
     pub(super) fn deadline(&self) -> Option<Instant> {
         match self.state {
@@ -422,6 +426,7 @@ impl Device {
         self.refusal = None;
         link.attach(membership.pan, membership.short);
         link.obey(membership.coordinator);
+        link.stay_awake(now);
         common.unsaved.mark(FACT_NETWORK);
     }
 }
@@ -455,6 +460,7 @@ mod tests {
             tx_power: 0,
             protection: Protection::EncMic64,
             seed: 1,
+            sleeps: false,
         });
         let key = Key::new(1, core::array::from_fn(|i| i as u8)).unwrap();
         let counter = Counter::resume(0);

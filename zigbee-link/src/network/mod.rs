@@ -91,6 +91,9 @@ pub struct NetworkSettings {
     pub protection: Protection,
     /// Spreads waiting times and chooses PAN identifiers; should differ between nodes and restarts.
     pub seed: u64,
+    /// Devices sleep while the network is quiet, and are woken for messages. All nodes of a network must have the same:
+    /// one that does not know of it reaches only devices that are awake.
+    pub sleeps: bool,
 }
 
 impl NetworkSettings {
@@ -102,6 +105,7 @@ impl NetworkSettings {
             tx_power: 0,
             protection: Protection::EncMic64,
             seed,
+            sleeps: false,
         }
     }
 }
@@ -236,6 +240,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         if matches!(role, Role::Coordinator(_)) {
             link.stay_present();
         }
+        if settings.sleeps {
+            link.sleep_when_quiet();
+        }
         Self {
             link,
             common,
@@ -346,7 +353,10 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// does not run or is being moved, nor on a device.
     pub fn change_pan(&mut self, now: Instant) -> bool {
         match self.role.coordinator_mut() {
-            Some(coordinator) => coordinator.change_pan(now, &mut self.common),
+            Some(coordinator) => {
+                self.link.wake_all(now);
+                coordinator.change_pan(now, &mut self.common)
+            }
             None => false,
         }
     }
@@ -447,6 +457,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         if let Some(record) = self.unsaved() {
             return Some(Action::Save(record));
         }
+        self.link.poll_sleep(now);
         if let Some(config) = self.config()
             && self.configured != Some(config)
         {
@@ -463,7 +474,10 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 coordinator: true,
                 ..coordinator.radio(&self.common)?
             }),
-            Role::Device(device) => device.radio(&self.common),
+            Role::Device(device) => Some(RadioConfig {
+                sampled: device.is_joined() && self.link.is_asleep(),
+                ..device.radio(&self.common)?
+            }),
         }
     }
 
@@ -480,7 +494,10 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return Some(len + command);
         }
         self.transmit_beacon(now, buffer)
-            .or_else(|| self.transmit_command(now, buffer))
+            .or_else(|| match self.link.is_waking() {
+                true => None,
+                false => self.transmit_command(now, buffer),
+            })
             .or_else(|| self.link.poll_transmit(now, buffer))
     }
 
@@ -542,7 +559,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// Beacons and beacon requests, which are not secured. Returns true if it was one, or no frame.
+    /// Beacons, beacon requests and frames that wake, which are not secured. Returns true if it was one, or no frame.
     fn handle_open(&mut self, now: Instant, bytes: &[u8], channel: Channel, strength: u8) -> bool {
         let Ok(frame) = Frame::parse(bytes) else {
             return true;
@@ -552,6 +569,10 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return true;
         }
         let header = frame.header();
+        if header.frame_type == FrameType::Data && frame.payload().is_empty() {
+            self.link.on_wake(now, header);
+            return true;
+        }
         let is_request = header.frame_type == FrameType::Command
             && header.destination == EVERYBODY
             && MacCommand::parse(frame.payload()) == Ok(MacCommand::BeaconRequest);
@@ -623,6 +644,7 @@ impl Common {
             extended: self.settings.extended,
             coordinator: false,
             promiscuous: false,
+            sampled: false,
         }
     }
 

@@ -15,6 +15,7 @@ fn running() -> Node<4, 4, 2> {
         tx_power: 0,
         protection: Protection::EncMic64,
         seed: 1,
+        sleeps: false,
     };
     let network = Membership {
         pan: PanId(0xBEEF),

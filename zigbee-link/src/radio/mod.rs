@@ -51,7 +51,7 @@ mod csma;
 mod fault;
 mod trace;
 
-use core::{fmt, future::Future};
+use core::{fmt, future::Future, time::Duration};
 
 pub use self::{
     checksum::{Checksum, ChecksumError},
@@ -73,6 +73,12 @@ pub const FRAME_MAX: usize = PSDU_MAX - FCS_LEN;
 pub const FRAME_MIN: usize = 3;
 /// `macMaxCSMABackoffs`: backoffs before the channel counts as busy.
 pub const CSMA_BACKOFFS: u8 = 4;
+
+/// Time in which a radio that [samples](RadioConfig::sampled) listens once.
+pub const SAMPLE_PERIOD: Duration = Duration::from_secs(1);
+/// Time for which it listens then: two empty frames of 544 us, the longest random backoff between them, which has
+/// 2,240 us, its clear-channel assessment and turnaround of 320 us, and as long again for the software.
+pub const SAMPLE: Duration = Duration::from_millis(5);
 
 /// A transceiver for IEEE 802.15.4 frames. The module documentation is its contract.
 pub trait Radio {
@@ -170,6 +176,9 @@ pub struct RadioConfig {
     pub coordinator: bool,
     /// Deliver every frame, for any address.
     pub promiscuous: bool,
+    /// Listen for [`SAMPLE`] of each [`SAMPLE_PERIOD`] only, and longer while a frame arrives. A radio that cannot
+    /// listens always.
+    pub sampled: bool,
 }
 
 /// Result of a transmission.

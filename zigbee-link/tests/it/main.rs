@@ -5,6 +5,7 @@ mod capture;
 mod network;
 mod power;
 mod runner;
+mod sleep;
 mod store;
 mod support;
 mod wire;

@@ -218,6 +218,7 @@ fn config() -> RadioConfig {
         extended: Eui64([1, 2, 3, 4, 5, 6, 7, 8]),
         coordinator: false,
         promiscuous: false,
+        sampled: false,
     }
 }
 

@@ -99,7 +99,7 @@ pub enum NodeError {
 }
 
 /// Names of the values that all nodes have, without the site key, which no file holds.
-const COMMON: [&str; 5] = ["role", "id", "channels", "tx-power", "protection"];
+const COMMON: [&str; 6] = ["role", "id", "channels", "tx-power", "protection", "sleep"];
 /// Tables whose parts have usual values of their own.
 const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
@@ -168,6 +168,8 @@ struct Common {
     #[serde(default)]
     tx_power: i8,
     protection: Option<u8>,
+    #[serde(default)]
+    sleep: bool,
 }
 
 /// A coordinator's parameters, before they are counted.
@@ -301,6 +303,7 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
         Some(5) => Protection::EncMic32,
         Some(_) => return Err(NodeError::Protection),
     };
+    config.sleeps = common.sleep;
     Ok(config.check()?)
 }
 

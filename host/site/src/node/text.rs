@@ -39,10 +39,12 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
          channels = {channels}\n\
          tx-power = {power}\n\
          protection = {protection}\n\
+         sleep = {sleep}\n\
          {own}",
         version = page::VERSION,
         index = config.site_key.index(),
         id = config.id,
         power = config.tx_power,
+        sleep = config.sleeps,
     ))
 }

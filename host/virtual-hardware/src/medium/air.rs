@@ -4,7 +4,10 @@ use std::{collections::VecDeque, task::Waker};
 
 use slab::Slab;
 use zigbee_link::{
-    radio::{Channel, FCS_LEN, FRAME_MIN, PSDU_MAX, RadioConfig, Received, TxOutcome},
+    radio::{
+        Channel, FCS_LEN, FRAME_MIN, PSDU_MAX, RadioConfig, Received, SAMPLE, SAMPLE_PERIOD,
+        TxOutcome,
+    },
     wire::{fcs, has_good_fcs},
 };
 
@@ -93,6 +96,8 @@ pub(super) struct Node {
     /// Ear of a radio elsewhere.
     pub(super) ear: Option<Box<dyn Ear>>,
     pub(super) config: Option<RadioConfig>,
+    /// Time of the last configuration, from which on a radio that samples counts its periods.
+    configured: Time,
     abilities: Abilities,
     counters: Counters,
     carriers: Vec<Carrier>,
@@ -121,6 +126,13 @@ impl Node {
         if let Some(waker) = self.sender.take() {
             waker.wake();
         }
+    }
+
+    /// Returns true if the radio listens, so that it receives a frame that begins now.
+    fn listens(&self, now: Time) -> bool {
+        let is_sampled = self.config.is_some_and(|config| config.sampled);
+        let within = (now - self.configured) % SAMPLE_PERIOD.as_nanos() as Time;
+        !is_sampled || within < SAMPLE.as_nanos() as Time
     }
 
     /// Returns true if a frame of this strength stands out from all others, dBm.
@@ -255,6 +267,7 @@ impl Air {
         self.nodes.push(Node {
             ear: None,
             config: None,
+            configured: 0,
             abilities: Abilities::default(),
             counters: Counters::default(),
             carriers: Vec::new(),
@@ -340,8 +353,10 @@ impl Air {
         }
     }
 
-    pub(super) fn configure(&mut self, id: NodeId, config: RadioConfig) {
-        let old = self.node_mut(id).config.replace(config);
+    pub(super) fn configure(&mut self, now: Time, id: NodeId, config: RadioConfig) {
+        let node = self.node_mut(id);
+        node.configured = now;
+        let old = node.config.replace(config);
         self.retune(id);
         if old.is_some_and(|old| old.channel == config.channel) {
             return;
@@ -526,7 +541,7 @@ impl Air {
             self.transmissions[slot as usize].hearers.push(link.to);
             let is_strong = strength >= self.thresholds.sensitivity;
             audible += u64::from(is_strong);
-            if let Some(reason) = self.hear(slot, link, strength, is_strong) {
+            if let Some(reason) = self.hear(now, slot, link, strength, is_strong) {
                 self.drop_at(now, link.to, from, reason);
             }
         }
@@ -618,7 +633,14 @@ impl Air {
     }
 
     /// A carrier begins at a receiver. Returns the reason why its frame is lost already.
-    fn hear(&mut self, slot: u32, link: Link, strength: f32, is_strong: bool) -> Option<Reason> {
+    fn hear(
+        &mut self,
+        now: Time,
+        slot: u32,
+        link: Link,
+        strength: f32,
+        is_strong: bool,
+    ) -> Option<Reason> {
         let thresholds = self.thresholds;
         let node = &mut self.nodes[link.to as usize];
         node.carriers.push(Carrier {
@@ -627,6 +649,9 @@ impl Air {
         });
         if matches!(node.sending, Sending::Turning | Sending::OnAir(_)) {
             return is_strong.then_some(Reason::HalfDuplex);
+        }
+        if !node.listens(now) {
+            return is_strong.then_some(Reason::NotListening);
         }
         if let Some(mut lock) = node.lock.take() {
             if !node.stands_out(lock.transmission, lock.strength, thresholds) {

@@ -19,7 +19,7 @@ pub enum Reason {
     Busy,
     /// The address filter of the receiver.
     Filtered,
-    /// No task received, and the radio has no queue.
+    /// No task received, and the radio has no queue; or the radio samples, and did not listen.
     NotListening,
     /// The queue of the receiver was full.
     QueueFull,

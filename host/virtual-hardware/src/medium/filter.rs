@@ -52,6 +52,7 @@ mod tests {
             extended: Eui64([1, 2, 3, 4, 5, 6, 7, 8]),
             coordinator: false,
             promiscuous: false,
+            sampled: false,
         };
         let coordinator = RadioConfig {
             coordinator: true,

@@ -69,7 +69,11 @@ impl Contract for Radio {
     type Error = RadioError;
 
     async fn configure(&mut self, config: &RadioConfig) -> Result<(), RadioError> {
-        self.shared.air.borrow_mut().configure(self.node, *config);
+        let now = self.shared.clock.time();
+        self.shared
+            .air
+            .borrow_mut()
+            .configure(now, self.node, *config);
         Ok(())
     }
 

@@ -30,6 +30,7 @@ fn config(node: NodeId) -> RadioConfig {
         extended: Eui64([0; 8]),
         coordinator: false,
         promiscuous: true,
+        sampled: false,
     }
 }
 
@@ -250,6 +251,7 @@ fn queues_and_filters() {
         let foreign = RadioConfig {
             pan: PanId(0x1234),
             promiscuous: false,
+            sampled: false,
             ..config(off)
         };
         other.configure(&foreign).await.unwrap();

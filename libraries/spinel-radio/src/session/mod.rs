@@ -335,6 +335,15 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
     }
 
     fn begin_configuring(&mut self, config: RadioConfig, now: Instant) {
+        // A co-processor listens always.
+        let config = RadioConfig {
+            sampled: false,
+            ..config
+        };
+        if self.ready && self.step == Step::Idle && self.config == Some(config) {
+            self.outcome = Some(Ok(RcpOutcome::Configured));
+            return;
+        }
         self.goal = Goal::Configure;
         self.config = Some(config);
         match self.step {

@@ -46,6 +46,7 @@ fn config(node: u8) -> RadioConfig {
         extended: extended(node),
         coordinator: false,
         promiscuous: false,
+        sampled: false,
     }
 }
 
@@ -252,6 +253,7 @@ fn promiscuous_hears_everything() {
     let [mut a, mut b] = pair(&air);
     let curious = RadioConfig {
         promiscuous: true,
+        sampled: false,
         ..config(2)
     };
     b.configure(&curious);

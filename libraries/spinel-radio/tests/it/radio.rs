@@ -18,6 +18,7 @@ const CONFIG: RadioConfig = RadioConfig {
     extended: Eui64([3; 8]),
     coordinator: false,
     promiscuous: false,
+    sampled: false,
 };
 
 #[derive(Clone, Copy)]

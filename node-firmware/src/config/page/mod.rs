@@ -3,14 +3,15 @@
 //! | bytes | what |
 //! |---|---|
 //! | 0 to 3 | magic: `CNod` |
-//! | 4, 5 | version of the body, little-endian; 10 |
+//! | 4, 5 | version of the body, little-endian; 11 |
 //! | 6, 7 | length n of the body, little-endian |
-//! | 8 to 7 + n | body: the [`Config`] in postcard's format |
+//! | 8 to 7 + n | body: the [`Config`] in postcard's format, and [`Config::sleeps`], 0 or 1 |
 //! | 8 + n to 11 + n | CRC-32 (ISO-HDLC, that of Ethernet and zip) of all bytes before, little-endian |
 //! | the rest | whatever; 0xFF when written |
 //!
 //! All but the body stays as it is in every version, so that a page of another version is told from a
-//! damaged one. The body is frozen by a test with golden bytes.
+//! damaged one. The body is frozen by a test with golden bytes. A body of version 10 is one of 11 without its last byte:
+//! a node that is updated by radio keeps its page.
 
 use core::fmt;
 
@@ -22,7 +23,10 @@ use super::{CheckedConfig, Config, ConfigError};
 pub const PAGE_MAX: usize = 512;
 
 /// The version of the body.
-pub const VERSION: u16 = 10;
+pub const VERSION: u16 = 11;
+
+/// The version whose bodies have no [`Config::sleeps`].
+const SLEEPLESS: u16 = 10;
 
 const MAGIC: [u8; 4] = *b"CNod";
 const HEADER: usize = 8;
@@ -94,9 +98,12 @@ pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageEr
     let (header, rest) = buffer.split_at_mut_checked(HEADER).ok_or(PageError::Room)?;
     let room = rest.len().checked_sub(TRAILER).ok_or(PageError::Room)?;
     let body = rest.get_mut(..room).ok_or(PageError::Room)?;
-    let length = postcard::to_slice(config.settings(), body)
+    let settings = config.settings();
+    let length = postcard::to_slice(settings, body)
         .map_err(|_| PageError::Room)?
         .len();
+    *body.get_mut(length).ok_or(PageError::Room)? = settings.sleeps.into();
+    let length = length + 1;
     let written = u16::try_from(length).map_err(|_| PageError::Room)?;
     let [v0, v1] = VERSION.to_le_bytes();
     let [l0, l1] = written.to_le_bytes();
@@ -137,12 +144,16 @@ pub fn decode(page: &[u8]) -> Result<CheckedConfig, PageError> {
         return Err(PageError::Checksum);
     }
     let body = covered.get(HEADER..).ok_or(PageError::Truncated)?;
-    let config = match u16::from_le_bytes([v0, v1]) {
-        VERSION => match postcard::take_from_bytes::<Config>(body) {
-            Ok((config, [])) => config,
-            _ => return Err(PageError::Body),
-        },
-        found => return Err(PageError::Version { found }),
+    let version = u16::from_le_bytes([v0, v1]);
+    if version != VERSION && version != SLEEPLESS {
+        return Err(PageError::Version { found: version });
+    }
+    let (mut config, rest) =
+        postcard::take_from_bytes::<Config>(body).map_err(|_| PageError::Body)?;
+    config.sleeps = match (version, rest) {
+        (SLEEPLESS, []) | (VERSION, [0]) => false,
+        (VERSION, [1]) => true,
+        _ => return Err(PageError::Body),
     };
     config.check().map_err(PageError::Value)
 }

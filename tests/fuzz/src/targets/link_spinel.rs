@@ -26,6 +26,7 @@ const CONFIG: RadioConfig = RadioConfig {
     extended: Eui64([1; 8]),
     coordinator: true,
     promiscuous: false,
+    sampled: false,
 };
 const FRAME: &[u8] = &[0x61, 0x88, 7, 0x34, 0x12, 9, 0, 1, 0, b'h', b'i'];
 

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use zigbee_link::{
     Instant,
     network::{Action, Channels, NetworkSettings, NetworkStatus, Node},
-    radio::{Channel, FRAME_MAX, RadioConfig},
+    radio::{Channel, FRAME_MAX, RadioConfig, SAMPLE, SAMPLE_PERIOD},
     security::Key,
     store::{Member, Record, Saved},
     wire::{Eui64, ShortAddress},
@@ -36,6 +36,9 @@ pub struct Station {
     pub saved: Saved,
     pub members: [Option<Member>; MEMBERS],
     pub config: Option<RadioConfig>,
+    /// Time of its last configuration, and time for which its radio has listened until then.
+    configured: Instant,
+    listened: Duration,
     /// Neither hears nor is heard.
     pub is_out_of_range: bool,
     /// Strength with which it is heard.
@@ -61,6 +64,28 @@ pub struct Aether {
     pub heard: Vec<OnAir>,
     /// Every application fetches every result as soon as it is there.
     pub fetches_results: bool,
+    /// Devices sleep while it is quiet.
+    pub sleeps: bool,
+}
+
+impl Station {
+    /// Time for which its radio has listened.
+    pub fn listened(&self, now: Instant) -> Duration {
+        let time = now.since(self.configured);
+        let is_sampled = self.config.is_some_and(|config| config.sampled);
+        let time = match is_sampled {
+            true => time * SAMPLE.as_millis() as u32 / SAMPLE_PERIOD.as_millis() as u32,
+            false => time,
+        };
+        self.listened + time
+    }
+
+    /// Returns true if it hears a frame that begins now.
+    fn listens(&self, now: Instant) -> bool {
+        let is_sampled = self.config.is_some_and(|config| config.sampled);
+        let time = now.since(self.configured).as_micros() % SAMPLE_PERIOD.as_micros();
+        !is_sampled || time < SAMPLE.as_micros()
+    }
 }
 
 fn settings(number: usize, extended: Eui64, seed: u64) -> NetworkSettings {
@@ -78,6 +103,7 @@ impl Aether {
             rng: ChaCha8Rng::seed_from_u64(seed),
             heard: Vec::new(),
             fetches_results: false,
+            sleeps: false,
         }
     }
 
@@ -100,6 +126,8 @@ impl Aether {
             saved,
             members,
             config: None,
+            configured: self.now,
+            listened: Duration::ZERO,
             is_out_of_range: false,
             strength: 100,
             written: Vec::new(),
@@ -114,7 +142,8 @@ impl Aether {
         saved: &Saved,
         members: [Option<Member>; MEMBERS],
     ) -> TestNode {
-        let settings = settings(number, extended, self.rng.random());
+        let mut settings = settings(number, extended, self.rng.random());
+        settings.sleeps = self.sleeps;
         if number == 0 || number >= 100 {
             Node::coordinator(settings, saved, members)
         } else {
@@ -171,7 +200,11 @@ impl Aether {
                 station.node.saved(record);
                 station.written.push(record);
             }
-            Action::Configure(config) => station.config = Some(config),
+            Action::Configure(config) => {
+                station.listened = station.listened(self.now);
+                station.configured = self.now;
+                station.config = Some(config);
+            }
             Action::Transmit(len) => self.transmit(place, &buffer[..len]),
         }
         true
@@ -188,6 +221,7 @@ impl Aether {
             frame: frame.to_vec(),
         });
         let strength = self.stations[from].strength;
+        let began = self.now;
         self.now = self.now + Duration::from_micros(32 * (frame.len() as u64 + 8) + 192);
         for to in 0..self.stations.len() {
             let is_lost = self.rng.random_bool(self.loss);
@@ -197,7 +231,7 @@ impl Aether {
             let on_channel = station
                 .config
                 .is_some_and(|to| to.channel == config.channel);
-            if to != from && on_channel && in_range && !is_lost {
+            if to != from && on_channel && in_range && !is_lost && station.listens(began) {
                 (station.node).handle_at(self.now, &mut frame.to_vec(), strength);
             }
         }

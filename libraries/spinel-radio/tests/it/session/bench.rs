@@ -23,6 +23,7 @@ pub(crate) const CONFIG: RadioConfig = RadioConfig {
     extended: Eui64([1, 2, 3, 4, 5, 6, 7, 8]),
     coordinator: false,
     promiscuous: false,
+    sampled: false,
 };
 pub(crate) const POLICY: RcpPolicy = RcpPolicy::DEFAULT;
 /// For all of the PAN, and for one device.
