@@ -15,6 +15,8 @@ use core::{
     future::{Future, pending},
     marker::PhantomData,
     ops::Range,
+    pin::Pin,
+    task::{Context, Poll},
 };
 
 use calib_core::dead_reckoning::Step;
@@ -28,6 +30,28 @@ pub use zigbee_link::{
 };
 
 use crate::{facts::Fact, message::Message, steps::SensorError};
+
+/// A future whose value is there already. [`core::future::ready`] has a branch to a panic.
+#[derive(Debug)]
+pub struct Done<T>(Option<T>);
+
+impl<T> Done<T> {
+    /// With this value.
+    pub const fn new(value: T) -> Self {
+        Self(Some(value))
+    }
+}
+
+/// Its value is not pinned.
+impl<T> Unpin for Done<T> {}
+
+impl<T> Future for Done<T> {
+    type Output = T;
+
+    fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<T> {
+        self.0.take().map_or(Poll::Pending, Poll::Ready)
+    }
+}
 
 /// The types of the drivers that a node runs on, as one name. [`Parts`] is it for any drivers; a board whose tasks have
 /// to name the type of their [`Peripherals`] implements it for a type that stands for the board and needs no value.

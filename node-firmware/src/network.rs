@@ -50,6 +50,11 @@ pub trait Network {
     /// The node should rather be in the network of the site that it hears best. It looks for that, and tells
     /// by events where it is attached. Nothing happens where there is only one network.
     fn roam(&self) {}
+
+    /// Returns true while the node sleeps: nothing is to be done before it hears of it.
+    fn is_asleep(&self) -> bool {
+        false
+    }
 }
 
 /// Request for a receipt of a message to one member.

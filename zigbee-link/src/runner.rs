@@ -47,12 +47,10 @@ impl<C: Clock> Clock for &C {
 pub struct Delay<C>(pub C);
 
 impl<C: Clock> DelayNs for Delay<C> {
-    async fn delay_ns(&mut self, ns: u32) {
+    fn delay_ns(&mut self, ns: u32) -> impl Future<Output = ()> {
         let Instant(now) = self.0.now();
         let micros = u64::from(ns).div_ceil(1000);
-        self.0
-            .sleep_until(Instant(now.saturating_add(micros)))
-            .await;
+        self.0.sleep_until(Instant(now.saturating_add(micros)))
     }
 }
 
@@ -179,6 +177,11 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         if result || message || status != self.known.get() {
             self.happened.signal(());
         }
+    }
+
+    /// Returns true while the node sleeps, because its network is quiet.
+    pub fn is_asleep(&self) -> bool {
+        self.node.with(|node| node.is_asleep()) == Some(true)
     }
 
     /// Sends a message, whose result comes by [`happened`](Self::happened) or

@@ -1,5 +1,7 @@
 //! The time of a board.
 
+use core::future::Future;
+
 use zigbee_link::runner::Clock;
 
 /// Microseconds of a tick of the driver, rounded up.
@@ -15,10 +17,10 @@ impl Clock for EmbassyClock {
         zigbee_link::Instant(embassy_time::Instant::now().as_micros())
     }
 
-    async fn sleep_until(&self, time: zigbee_link::Instant) {
+    fn sleep_until(&self, time: zigbee_link::Instant) -> impl Future<Output = ()> {
         // Ticks are rounded down here and in `now`: without one more it would be too early.
         // Saturates where microseconds do not fit the driver's ticks: that is never reached.
         let at = embassy_time::Instant::try_from_micros(time.0.saturating_add(TICK));
-        embassy_time::Timer::at(at.unwrap_or(embassy_time::Instant::MAX)).await;
+        embassy_time::Timer::at(at.unwrap_or(embassy_time::Instant::MAX))
     }
 }

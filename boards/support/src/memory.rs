@@ -1,12 +1,17 @@
 //! The flash of a board without long stops, and the configuration in it. The owners of its parts are those of
 //! [`board_facts`].
 
+use core::future::Future;
+
 use embassy_futures::yield_now;
 use embedded_storage::nor_flash::{self, ErrorType};
 use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
-use node_firmware::config::{
-    CheckedConfig,
-    page::{self, PageError},
+use node_firmware::{
+    config::{
+        CheckedConfig,
+        page::{self, PageError},
+    },
+    hardware::Done,
 };
 
 /// Bytes that are looked at together; a part of every page.
@@ -28,8 +33,12 @@ impl<F: ErrorType> ErrorType for Paged<F> {
 impl<F: nor_flash::ReadNorFlash> ReadNorFlash for Paged<F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
-        self.0.read(offset, bytes)
+    fn read(
+        &mut self,
+        offset: u32,
+        bytes: &mut [u8],
+    ) -> impl Future<Output = Result<(), F::Error>> {
+        Done::new(self.0.read(offset, bytes))
     }
 
     fn capacity(&self) -> usize {
@@ -57,8 +66,8 @@ impl<F: nor_flash::NorFlash> NorFlash for Paged<F> {
         }
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
-        self.0.write(offset, bytes)
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> impl Future<Output = Result<(), F::Error>> {
+        Done::new(self.0.write(offset, bytes))
     }
 }
 

@@ -392,5 +392,5 @@ fn square<T: Real>(value: f64) -> T {
 pub(super) fn seconds<T: Real>(microseconds: u64) -> T {
     // In halves: a node has no numbers of 64 bits to make a real one of.
     let [high, low] = [microseconds >> 32, microseconds].map(|half| T::whole(half as u32));
-    high * lit(4294.967_296) + low * lit(1e-6)
+    high * lit(4_294.967_296) + low * lit(1e-6)
 }

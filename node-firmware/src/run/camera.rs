@@ -7,7 +7,6 @@ use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{
     Instant,
-    link::WAKE_FOR,
     runner::{Clock, Delay},
 };
 
@@ -38,6 +37,9 @@ const FAILURES: u8 = 2;
 const LOST: u8 = 3;
 const PICTURE: Duration = Duration::from_millis(60);
 
+/// A camera follows the sleep of its node within this time.
+const LOOK_UP: Duration = Duration::from_secs(1);
+
 /// Reason why the camera starts.
 #[derive(Clone, Copy)]
 enum Start {
@@ -53,7 +55,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
 ) -> Infallible {
-    let (clock, liveness) = (services.clock, services.liveness);
+    let (network, clock, liveness) = (services.network, services.clock, services.liveness);
     let channels = DeviceChannels::new();
     let mut role = None;
     let role = new_role(&mut role, id, config);
@@ -69,7 +71,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
         clock,
         liveness,
     };
-    let watched = device.serve(channels.tasks.receiver(), channels.events.sender());
+    let watched = device.serve(network, channels.tasks.receiver(), channels.events.sender());
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
@@ -109,6 +111,7 @@ struct CameraDevice<'a, K, C> {
 impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn serve(
         &mut self,
+        network: &impl Network,
         tasks: Tasks<'_, CameraTask>,
         events: Events<'_, CameraEvent>,
     ) -> Infallible {
@@ -124,24 +127,28 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Some(task) => task,
                 None => {
                     self.liveness.on_camera_rests();
-                    // It is not asked for anything for as long as its node would listen.
-                    let until = match self.may_sleep() && !is_asleep {
-                        true => self.clock.now() + WAKE_FOR,
+                    let wait = match self.may_sleep() {
+                        true => self.clock.now() + LOOK_UP,
                         false => Instant(u64::MAX),
                     };
-                    let late = self.clock.sleep_until(until);
-                    match select3(tasks.receive(), self.camera.rest(), late).await {
+                    let wait = self.clock.sleep_until(wait);
+                    match select3(tasks.receive(), self.camera.rest(), wait).await {
                         Either3::First(task) => task,
                         Either3::Second(never) => match never {},
                         Either3::Third(()) => {
-                            self.camera.sleep().await;
-                            is_asleep = true;
+                            let was_asleep =
+                                core::mem::replace(&mut is_asleep, network.is_asleep());
+                            if is_asleep && !was_asleep {
+                                self.camera.sleep().await;
+                            } else if was_asleep && !is_asleep {
+                                start = Some(Start::Again);
+                                events.send(CameraEvent::Starting).await;
+                            }
                             continue;
                         }
                     }
                 }
             };
-            is_asleep = false;
             self.liveness.on_camera_works(self.clock.now());
             // A target that waits hears that the camera starts before it does: it would give up before that is over.
             let event = match task {

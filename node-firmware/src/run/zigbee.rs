@@ -80,6 +80,10 @@ impl<C: Clock> Network for ZigbeeNetwork<C> {
         self.node.with(|node, _| node.roam());
     }
 
+    fn is_asleep(&self) -> bool {
+        self.node.is_asleep()
+    }
+
     async fn happened(&self, known: Option<Attachment>) -> NetworkEvent<Ticket> {
         loop {
             match self.node.happened(self.known.get()).await {

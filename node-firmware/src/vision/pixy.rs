@@ -30,7 +30,10 @@
 //! a tag, found to a fraction of a column and then rounded to a whole one, and which tag it is. A tag that is not whole
 //! in view is not found. Seen at an angle it is narrower than tall, so its shape tells nothing.
 
-use core::{convert::Infallible, future::pending};
+use core::{
+    convert::Infallible,
+    future::{Future, pending},
+};
 
 use embassy_futures::yield_now;
 use embedded_hal_async::delay::DelayNs;
@@ -42,7 +45,7 @@ use pixy_driver::{
 };
 
 use super::{Blob, BlobCamera, LearntColour, Rows, Subject, VisionError};
-use crate::{log::warning, message::TrackedBlob};
+use crate::{hardware::Done, log::warning, message::TrackedBlob};
 
 /// Columns by which a Pixy tells the right edge of a round object too far left, on average.
 const LATE: f32 = 1.65;
@@ -106,6 +109,21 @@ fn failed<E: embedded_io::Error>(error: Error<E>) -> VisionError {
     error
 }
 
+impl<U, D> PixyBlobCamera<U, D> {
+    fn look_for(&mut self, subject: Subject) -> Result<(), VisionError> {
+        if !self.ready {
+            return Err(VisionError::NotStarted);
+        }
+        self.of = Some(match (subject, self.camera.model()) {
+            (Subject::Tag(number), Model::OpenMvTags) => Signatures::tag(number.into()),
+            (_, Model::OpenMvTags) => return Err(VisionError::Unable),
+            (Subject::Signature(signature @ 1..=7), _) => Signatures::one(signature),
+            _ => return Err(VisionError::Unable),
+        });
+        Ok(())
+    }
+}
+
 impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
     /// Waits for one that is starting; a Pixy takes about two seconds.
     async fn start_up(&mut self) -> Result<(), VisionError> {
@@ -142,25 +160,16 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
         Ok(())
     }
 
-    async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
-        Err(VisionError::Unable)
+    fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>> {
+        Done::new(Err(VisionError::Unable))
     }
 
-    async fn learn_background(&mut self) -> Result<(), VisionError> {
-        Err(VisionError::Unable)
+    fn learn_background(&mut self) -> impl Future<Output = Result<(), VisionError>> {
+        Done::new(Err(VisionError::Unable))
     }
 
-    async fn begin(&mut self, subject: Subject) -> Result<(), VisionError> {
-        if !self.ready {
-            return Err(VisionError::NotStarted);
-        }
-        self.of = Some(match (subject, self.camera.model()) {
-            (Subject::Tag(number), Model::OpenMvTags) => Signatures::tag(number.into()),
-            (_, Model::OpenMvTags) => return Err(VisionError::Unable),
-            (Subject::Signature(signature @ 1..=7), _) => Signatures::one(signature),
-            _ => return Err(VisionError::Unable),
-        });
-        Ok(())
+    fn begin(&mut self, subject: Subject) -> impl Future<Output = Result<(), VisionError>> {
+        Done::new(self.look_for(subject))
     }
 
     async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
@@ -174,9 +183,9 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for PixyBlobCamera<U, D> {
         Ok(largest.map(|largest| blob(model, &largest, blocks.next().as_ref())))
     }
 
-    async fn end(&mut self) -> Result<(), VisionError> {
+    fn end(&mut self) -> impl Future<Output = Result<(), VisionError>> {
         self.of = None;
-        Ok(())
+        Done::new(Ok(()))
     }
 
     async fn rest(&mut self) -> Infallible {

@@ -275,10 +275,7 @@ mod tests {
             (0, WAKING, ShortAddress::BROADCAST),
             (0, COUNTED_ON + WAKING, other),
         ] {
-            let mut sleep = Sleep {
-                waking: None,
-                ..sleep.clone()
-            };
+            let mut sleep = sleep.clone();
             sleep.wake_for(NOW + later, other, attempts);
             assert_eq!(sleep.waking(), Some(woken), "{attempts} {later:?}");
         }

@@ -475,10 +475,15 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 ..coordinator.radio(&self.common)?
             }),
             Role::Device(device) => Some(RadioConfig {
-                sampled: device.is_joined() && self.link.is_asleep(),
+                sampled: self.is_asleep(),
                 ..device.radio(&self.common)?
             }),
         }
+    }
+
+    /// Returns true while this device sleeps, because its network is quiet.
+    pub fn is_asleep(&self) -> bool {
+        matches!(&self.role, Role::Device(device) if device.is_joined()) && self.link.is_asleep()
     }
 
     fn transmit(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {

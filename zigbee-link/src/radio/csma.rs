@@ -1,5 +1,7 @@
 //! Unslotted CSMA-CA (IEEE 802.15.4-2006, 7.5.1.4), for radios with one clear-channel assessment.
 
+use core::future::Future;
+
 use embedded_hal_async::delay::DelayNs;
 
 use super::{CSMA_BACKOFFS, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
@@ -37,8 +39,8 @@ impl<R, D> Csma<R, D> {
 impl<R: Radio, D: DelayNs> Radio for Csma<R, D> {
     type Error = R::Error;
 
-    async fn configure(&mut self, config: &RadioConfig) -> Result<(), R::Error> {
-        self.radio.configure(config).await
+    fn configure(&mut self, config: &RadioConfig) -> impl Future<Output = Result<(), R::Error>> {
+        self.radio.configure(config)
     }
 
     async fn transmit(&mut self, frame: &[u8]) -> Result<TxOutcome, R::Error> {
@@ -54,7 +56,10 @@ impl<R: Radio, D: DelayNs> Radio for Csma<R, D> {
         Ok(TxOutcome::ChannelBusy)
     }
 
-    async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, R::Error> {
-        self.radio.receive(buffer).await
+    fn receive(
+        &mut self,
+        buffer: &mut [u8; PSDU_MAX],
+    ) -> impl Future<Output = Result<Received, R::Error>> {
+        self.radio.receive(buffer)
     }
 }

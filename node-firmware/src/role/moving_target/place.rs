@@ -9,7 +9,7 @@ use calib_core::{
     intersection,
 };
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
-use zigbee_link::{Instant, wire::ShortAddress};
+use zigbee_link::{Instant, link::WAKE_FOR, wire::ShortAddress};
 
 use super::{
     BREATH, CameraEntry, State, TargetNotification, TargetRole,
@@ -38,9 +38,15 @@ impl TargetRole<'_> {
 
     pub(super) fn on_step(&mut self, now: Instant, step: &Step<f32>) {
         let before = core::mem::replace(&mut self.state, State::Walking { last: Some(now) });
-        if matches!(before, State::Standing(standing) if !standing.may_walk) {
-            self.save_history();
-            self.unsaved.insert(FactKey::Walk);
+        if let State::Standing(standing) = before {
+            if !standing.may_walk {
+                self.save_history();
+                self.unsaved.insert(FactKey::Walk);
+            }
+            // Cameras that sleep are woken now, and have started at the next stop.
+            if now >= standing.since + WAKE_FOR {
+                self.confirmations.due(now);
+            }
         }
         if let Some(estimate) = &mut self.estimate {
             estimate.on_step(step);
