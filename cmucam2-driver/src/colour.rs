@@ -22,11 +22,7 @@ pub enum ColourChannel {
 impl ColourChannel {
     /// The number that the camera gives this channel.
     pub const fn number(self) -> u8 {
-        match self {
-            Self::Red => 0,
-            Self::Green => 1,
-            Self::Blue => 2,
-        }
+        self as u8
     }
 }
 
@@ -40,6 +36,13 @@ pub struct Colour {
     pub green: u8,
     /// Level of channel 2.
     pub blue: u8,
+}
+
+impl Colour {
+    /// The three channels by their numbers.
+    pub const fn levels(self) -> [u8; 3] {
+        [self.red, self.green, self.blue]
+    }
 }
 
 /// The levels of one channel that count as the target: `min <= max`, 0 to 255 as the camera takes

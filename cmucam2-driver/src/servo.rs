@@ -136,3 +136,10 @@ pub struct ServoParameters {
     /// Up and down, servo 1.
     pub tilt: ServoAxis,
 }
+
+impl ServoParameters {
+    pub(crate) const fn numbers(self) -> [u8; 6] {
+        let Self { pan, tilt } = self;
+        [pan.far, pan.near, pan.step, tilt.far, tilt.near, tilt.step]
+    }
+}

@@ -6,7 +6,6 @@ use cmucam2_driver::{
     Command, Error, Packet,
     colour::ColourChannel,
     command::{LedMode, LineMode, StatisticsLines, TrackingLines},
-    device::Part,
     packet::Tracking,
     parser::{ImageHeader, ImageKind},
     session::{Answer, Fault},
@@ -33,7 +32,7 @@ fn ack(bytes: &[&[u8]]) -> Vec<u8> {
     [&b"ACK\r"[..], &bytes.concat()].concat()
 }
 
-const INTACT: Part = Part::Row {
+const INTACT: Answer = Answer::Row {
     bytes: 3,
     intact: true,
 };
@@ -48,18 +47,18 @@ both! {
         D::drive(camera.stream(Command::SendFrame(None))).unwrap();
         let mut small = [0; 8];
         let header = D::drive(camera.next_part(&mut small)).unwrap();
-        assert!(matches!(header, Part::Header(ImageHeader { row_bytes: 9, .. })));
+        assert!(matches!(header, Answer::Header(ImageHeader { row_bytes: 9, .. })));
         let refused = D::drive(camera.next_part(&mut small));
         assert_eq!(refused, Err(Error::Camera(Fault::RowBuffer { needed: 9 })));
         // Nothing is lost by the refusal.
         let mut row = [0; 9];
         for _ in 0..2 {
             let part = D::drive(camera.next_part(&mut row)).unwrap();
-            assert_eq!(part, Part::Row { bytes: 9, intact: true });
+            assert_eq!(part, Answer::Row { bytes: 9, intact: true });
             assert_eq!(row, colour);
         }
         let end = D::drive(camera.next_part(&mut row)).unwrap();
-        assert_eq!(end, Part::End { rows: 2, intact: true });
+        assert_eq!(end, Answer::End { rows: 2, intact: true });
         D::drive(camera.command(Command::GetButton)).unwrap();
         let over = D::drive(camera.next_part(&mut row));
         assert_eq!(over, Err(Error::Camera(Fault::NotStreaming)));
@@ -73,11 +72,11 @@ both! {
         D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Green)))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         let cut = D::drive(camera.next_part(&mut row)).unwrap();
-        assert_eq!(cut, Part::Row { bytes: 2, intact: false });
+        assert_eq!(cut, Answer::Row { bytes: 2, intact: false });
         assert_eq!(D::drive(camera.next_part(&mut row)), Ok(INTACT));
         assert_eq!(row, [40, 50, 60]);
         let end = D::drive(camera.next_part(&mut row)).unwrap();
-        assert_eq!(end, Part::End { rows: 2, intact: false });
+        assert_eq!(end, Answer::End { rows: 2, intact: false });
     }
 
     fn a_frame_that_breaks_off_is_an_error_and_the_camera_is_usable<D>() {
@@ -125,11 +124,11 @@ both! {
         D::drive(camera.set(Command::FrameStream(true))).unwrap();
         D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Red)))).unwrap();
         for _ in 0..2 {
-            assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Header(_))));
+            assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Answer::Header(_))));
             assert_eq!(D::drive(camera.next_part(&mut row)), Ok(INTACT));
             assert_eq!(D::drive(camera.next_part(&mut row)), Ok(INTACT));
             let end = D::drive(camera.next_part(&mut row)).unwrap();
-            assert_eq!(end, Part::End { rows: 2, intact: true });
+            assert_eq!(end, Answer::End { rows: 2, intact: true });
         }
         D::drive(camera.stop()).unwrap();
         line.assert_finished();
@@ -145,17 +144,17 @@ both! {
         D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         let mut row = [0; 22];
         let header = D::drive(camera.next_part(&mut row)).unwrap();
-        assert_eq!(header, Part::Header(ImageHeader {
+        assert_eq!(header, Answer::Header(ImageHeader {
             kind: ImageKind::Bitmap, width: 3, height: 2, row_bytes: 1,
         }));
         for bits in [0b1110_0000, 0b0100_0000] {
             let part = D::drive(camera.next_part(&mut row)).unwrap();
-            assert_eq!(part, Part::Row { bytes: 1, intact: true });
+            assert_eq!(part, Answer::Row { bytes: 1, intact: true });
             assert_eq!(row[0], bits);
         }
         let end = D::drive(camera.next_part(&mut row)).unwrap();
-        assert_eq!(end, Part::End { rows: 2, intact: true });
-        assert_eq!(D::drive(camera.next_part(&mut row)), Ok(Part::Packet(here())));
+        assert_eq!(end, Answer::End { rows: 2, intact: true });
+        assert_eq!(D::drive(camera.next_part(&mut row)), Ok(Answer::Packet(here())));
         assert_eq!(D::drive(camera.next_packet()), Ok(Some(here())));
         line.assert_finished();
     }
@@ -172,14 +171,14 @@ both! {
         D::drive(camera.set(Command::PollMode(true))).unwrap();
         D::drive(camera.stream(Command::GetMean)).unwrap();
         let mut row = [0; 6];
-        assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Header(_))));
+        assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Answer::Header(_))));
         for first in [100, 130] {
             assert_eq!(D::drive(camera.next_part(&mut row)), Ok(INTACT));
             assert_eq!(row[0], first);
         }
         let end = D::drive(camera.next_part(&mut row)).unwrap();
-        assert_eq!(end, Part::End { rows: 2, intact: true });
-        assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Packet(_))));
+        assert_eq!(end, Answer::End { rows: 2, intact: true });
+        assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Answer::Packet(_))));
         // The one-shot query skips them.
         let Ok(Answer::Packet(Packet::Statistics(statistics))) = D::drive(camera.command(Command::GetMean)) else {
             panic!("no S packet");

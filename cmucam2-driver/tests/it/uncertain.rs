@@ -6,7 +6,6 @@ use cmucam2_driver::{
     Command, Packet,
     colour::{ColourBounds, ColourChannel},
     command::RawMode,
-    device::Part,
     geometry::Size,
     packet::{FirmwareVersion, Histogram},
     session::{Answer, Learn},
@@ -114,17 +113,17 @@ both! {
                 let (mut camera, line) = Script::idle().on("SF 0\r", frame).camera();
                 let mut row = [0; 88];
                 D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Red)))).unwrap();
-                let Part::Header(header) = D::drive(camera.next_part(&mut row)).unwrap() else {
+                let Answer::Header(header) = D::drive(camera.next_part(&mut row)).unwrap() else {
                     panic!("no header");
                 };
                 assert_eq!((header.width, header.height, header.row_bytes), (3, 2, 3));
                 for pixels in [[20, 30, 40], [50, 60, 70]] {
                     let part = D::drive(camera.next_part(&mut row)).unwrap();
-                    assert_eq!(part, Part::Row { bytes: 3, intact: true });
+                    assert_eq!(part, Answer::Row { bytes: 3, intact: true });
                     assert_eq!(row[..3], pixels);
                 }
                 let part = D::drive(camera.next_part(&mut row)).unwrap();
-                assert_eq!(part, Part::End { rows: 2, intact: true });
+                assert_eq!(part, Answer::End { rows: 2, intact: true });
                 line.assert_finished();
             }
         }
