@@ -180,17 +180,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_camera_has_no_meaning_for_cannot_be_made() {
-        assert_eq!(LevelRange::new(101, 100), Err(ArgumentError::BoundsOrder));
-        assert!(LevelRange::new(100, 100).is_ok());
-        assert!(LevelRange::new(0, 255).is_ok());
-        assert_eq!(
-            ColourBounds::new([16, 240, 90, 80, 16, 240]),
-            Err(ArgumentError::BoundsOrder)
-        );
-    }
-
-    #[test]
     fn margins_are_cut_at_the_ends() {
         let bounds = ColourBounds::around(
             Colour {
