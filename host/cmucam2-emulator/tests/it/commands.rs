@@ -18,7 +18,7 @@ use cmucam2_driver::{
 use cmucam2_emulator::{Configuration, Note, Switches};
 use cmucam2_pair::Link;
 
-use crate::support::{SECOND, driver, orange, orange_box};
+use crate::support::{driver, orange, orange_box};
 
 /// The target, counted from 0, both ends inside.
 const COLUMNS: [u8; 2] = [30, 49];
@@ -500,50 +500,6 @@ fn the_driver_understands_every_position_of_every_switch() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-/// The thesis's start-up on the line (Appendix A): reset, adapt, freeze, learn, track.
-#[test]
-fn the_start_up_is_these_commands() {
-    let configuration = Configuration {
-        watched: true,
-        ..Configuration::default()
-    };
-    let mut link = driver(configuration, orange_box([10, 77], [10, 132]));
-    link.ask(Request::StartUp(StartUp::default())).unwrap();
-    let learn = Request::Learn {
-        how: Learn::TrackWindow,
-        track: true,
-    };
-    let Ok(Answer::Bounds(bounds)) = link.ask(learn) else {
-        panic!("nothing learned");
-    };
-    let sent: Vec<String> = std::iter::from_fn(|| link.camera.take_note())
-        .filter_map(|note| match note {
-            Note::Command(command) => Some(command.to_string()),
-            _ => None,
-        })
-        .collect();
-    let light = |auto| {
-        Command::Registers(Registers::two(
-            Register::colour_mode(ColourMode::Rgb, auto),
-            Register::auto_gain(auto),
-        ))
-    };
-    let commands = [
-        Command::Reset,
-        light(true),
-        light(false),
-        Command::TrackWindow,
-        Command::GetTrackingBounds,
-        Command::TrackColour(Some(bounds)),
-    ];
-    let lines = commands.map(|command| {
-        let line = command.line();
-        String::from_utf8_lossy(line.as_bytes().trim_ascii_end()).into_owned()
-    });
-    assert_eq!(sent, lines);
-    assert!(link.now() > 6 * SECOND, "it adapts for five seconds");
 }
 
 /// All switches at once in a position that is not the default. A version that ends in neither a
