@@ -39,6 +39,11 @@ pub struct Colour {
 }
 
 impl Colour {
+    /// Of these levels.
+    pub const fn new(red: u8, green: u8, blue: u8) -> Self {
+        Self { red, green, blue }
+    }
+
     /// The three channels by their numbers.
     pub const fn levels(self) -> [u8; 3] {
         [self.red, self.green, self.blue]
@@ -181,14 +186,7 @@ mod tests {
 
     #[test]
     fn margins_are_cut_at_the_ends() {
-        let bounds = ColourBounds::around(
-            Colour {
-                red: 230,
-                green: 100,
-                blue: 0,
-            },
-            30,
-        );
+        let bounds = ColourBounds::around(Colour::new(230, 100, 0), 30);
         assert_eq!(bounds.values(), [200, 240, 70, 130, 16, 30]);
         assert_eq!(bounds.widened(16).values(), [184, 255, 54, 146, 0, 46]);
     }

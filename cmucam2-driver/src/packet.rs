@@ -377,17 +377,15 @@ impl Statistics {
     /// The mean colour, if all its channels were sent.
     pub fn mean(&self) -> Option<Colour> {
         let [red, green, blue, ..] = self.fields.values;
-        self.fields
-            .has(0b00_0111)
-            .then_some(Colour { red, green, blue })
+        let mean = Colour::new(red, green, blue);
+        self.fields.has(0b00_0111).then_some(mean)
     }
 
     /// The deviation from the mean, if all its channels were sent.
     pub fn deviation(&self) -> Option<Colour> {
         let [.., red, green, blue] = self.fields.values;
-        self.fields
-            .has(0b11_1000)
-            .then_some(Colour { red, green, blue })
+        let deviation = Colour::new(red, green, blue);
+        self.fields.has(0b11_1000).then_some(deviation)
     }
 }
 

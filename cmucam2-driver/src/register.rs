@@ -46,19 +46,7 @@ impl Register {
 
     /// The clock divider for a frame rate.
     pub const fn frame_rate(rate: FrameRate) -> RegisterValue {
-        let divider = match rate {
-            FrameRate::Fps50 => 0,
-            FrameRate::Fps26 => 1,
-            FrameRate::Fps17 => 2,
-            FrameRate::Fps13 => 3,
-            FrameRate::Fps11 => 4,
-            FrameRate::Fps9 => 5,
-            FrameRate::Fps8 => 6,
-            FrameRate::Fps7 => 7,
-            FrameRate::Fps6 => 8,
-            FrameRate::Fps5 => 10,
-        };
-        Self::CLOCK.with(divider)
+        Self::CLOCK.with(rate as u8)
     }
 }
 
@@ -88,21 +76,21 @@ pub enum ColourMode {
     YCrCb,
 }
 
-/// Frames a second that the sensor delivers.
+/// Frames a second that the sensor delivers, and the clock divider of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(missing_docs, reason = "the names are the frame rates")]
 pub enum FrameRate {
-    Fps50,
-    Fps26,
-    Fps17,
-    Fps13,
-    Fps11,
-    Fps9,
-    Fps8,
-    Fps7,
-    Fps6,
-    Fps5,
+    Fps50 = 0,
+    Fps26 = 1,
+    Fps17 = 2,
+    Fps13 = 3,
+    Fps11 = 4,
+    Fps9 = 5,
+    Fps8 = 6,
+    Fps7 = 7,
+    Fps6 = 8,
+    Fps5 = 10,
 }
 
 /// The most pairs that one `CR` command carries: CMU's CMUcam2-compatible program for the CMUcam3

@@ -159,7 +159,7 @@ impl Default for Parser {
 
 impl Parser {
     /// A parser at the beginning of a line.
-    pub const fn new(expectation: Expectation) -> Self {
+    pub fn new(expectation: Expectation) -> Self {
         Self {
             expectation,
             state: State::Start,
@@ -174,7 +174,7 @@ impl Parser {
                 module: None,
             },
             image: Image::NONE,
-            dropped: DroppedBytes::NOTHING,
+            dropped: DroppedBytes::default(),
         }
     }
 

@@ -290,10 +290,7 @@ impl Modes {
         };
         let mut expectation = Expectation {
             frame: if difference {
-                Size {
-                    width: grid,
-                    height: grid,
-                }
+                Size::new(grid, grid)
             } else {
                 self.frame(sensor)
             },

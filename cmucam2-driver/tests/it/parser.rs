@@ -37,16 +37,8 @@ fn golden_lines() {
     assert_eq!(
         parse(b"S 200 100 30 12 10 8\r"),
         [Token::Packet(Packet::Statistics(Statistics::new(
-            Colour {
-                red: 200,
-                green: 100,
-                blue: 30
-            },
-            Colour {
-                red: 12,
-                green: 10,
-                blue: 8
-            },
+            Colour::new(200, 100, 30),
+            Colour::new(12, 10, 8),
         )))]
     );
     let lost = parse(b"T 0 0 0 0 0 0 0 0\r");
@@ -152,10 +144,7 @@ fn the_frame_limits_coordinates() {
     let at = |x: u8| format!("T {x} 60 {x} 50 {x} 70 25 90\r").into_bytes();
     for (frame, most) in [(88, 88), (160, 160), (8, 8)] {
         let expectation = Expectation {
-            frame: Size {
-                width: frame,
-                height: 143,
-            },
+            frame: Size::new(frame, 143),
             ..Expectation::default()
         };
         let mut parser = Parser::new(expectation);
@@ -452,8 +441,8 @@ proptest! {
     fn raw_packets_come_back(values in prop::array::uniform6(0_u8..=254)) {
         let mask = StatisticsMask::new(values[0] % 64).unwrap();
         let [a, b, c, d, e, f] = values;
-        let mean = Colour { red: a, green: b, blue: c };
-        let deviation = Colour { red: d, green: e, blue: f };
+        let mean = Colour::new(a, b, c);
+        let deviation = Colour::new(d, e, f);
         let packet = Packet::Statistics(Statistics::new(mean, deviation).masked(mask));
         let mut parser = Parser::new(Expectation {
             statistics: mask,
@@ -488,10 +477,7 @@ proptest! {
 fn counted(image: ImageExpectation, bytes: &[u8]) -> ((u32, u32, u32), Vec<Token>) {
     let mut parser = Parser::new(Expectation {
         image,
-        frame: Size {
-            width: 3,
-            height: 2,
-        },
+        frame: Size::new(3, 2),
         ..Expectation::default()
     });
     let tokens = events(&mut parser, bytes);

@@ -12,10 +12,7 @@ use super::{
     stream::{damage, packets, read, tracking},
 };
 
-const FRAME: Size = Size {
-    width: 88,
-    height: 143,
-};
+const FRAME: Size = Size::new(88, 143);
 
 fn text() -> Expectation {
     Expectation {

@@ -176,20 +176,17 @@ impl Modes {
         let high = self.is_on(b"HR");
         let full = Size::of(self.sensor, high);
         let low = self.sensor == Sensor::Ov6620 && !high;
-        Size {
-            width: full.width - u8::from(low && switches.narrow == 1),
-            height: full.height,
-        }
+        Size::new(
+            full.width - u8::from(low && switches.narrow == 1),
+            full.height,
+        )
     }
 
     /// The frame in the units of tracking.
     pub(super) fn frame(&self, switches: &Switches) -> Size {
         let Size { width, height } = self.sensor_frame(switches);
         let [x, y] = self.down_sampling();
-        Size {
-            width: width.div_ceil(x),
-            height: height.div_ceil(y),
-        }
+        Size::new(width.div_ceil(x), height.div_ceil(y))
     }
 
     /// The part of the frame that is processed.

@@ -21,10 +21,7 @@ pub(crate) fn run(input: &[u8]) {
         tracking: TrackingFields::new(mask, ServoMask::new(servos & 15).unwrap()),
         statistics: StatisticsMask::new(mask & 63).unwrap(),
         bins: (servos & 16 == 0).then_some(28),
-        frame: Size {
-            width: 88,
-            height: 143,
-        },
+        frame: Size::new(88, 143),
         image: match image % 7 {
             0 => ImageExpectation::None,
             1 => ImageExpectation::Frame(1),
