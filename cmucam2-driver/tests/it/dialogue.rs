@@ -36,7 +36,8 @@ const HERE: &str = "T 44 60 30 50 58 70 25 90|";
 const LOST: &str = "T 0 0 0 0 0 0 0 0|";
 const BANNER: &str = "CMUcam2 v1.01 c6|:";
 
-fn bytes(text: &str) -> Vec<u8> {
+/// Bytes as the files tell them.
+pub(crate) fn bytes(text: &str) -> Vec<u8> {
     let names = [("$here", HERE), ("$lost", LOST), ("$banner", BANNER)];
     let named = |text: String, (name, line): &(&str, &str)| text.replace(name, line);
     let text = names.iter().fold(text.to_owned(), named);
