@@ -1,25 +1,11 @@
 //! Expected bytes.
 
+use super::ImageKind;
 use crate::{
-    command::{StatisticsLines, StatisticsMask, TrackingLines},
+    command::StatisticsMask,
     geometry::Size,
     packet::{BINS_MAX, TrackingFields},
 };
-
-/// Binary data that may come between lines.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum ImageExpectation {
-    /// Lines follow each other, with nothing between.
-    #[default]
-    None,
-    /// A frame of so many bytes for each pixel, 1 or 3.
-    Frame(u8),
-    /// Rows of a line mode of tracking.
-    Tracking(TrackingLines),
-    /// Rows of a line mode of statistics.
-    Statistics(StatisticsLines),
-}
 
 /// Expected bytes, as far as the bytes themselves do not tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,8 +19,8 @@ pub struct Expectation {
     pub bins: Option<u8>,
     /// The frame in which T packets and images must lie.
     pub frame: Size,
-    /// Binary data that may come between lines.
-    pub image: ImageExpectation,
+    /// Binary data that may come between lines: a frame, or the rows of a line mode.
+    pub image: Option<ImageKind>,
     /// True if raw packets may come.
     pub raw: bool,
     /// Number of numbers that a query answers, 1 to 6; 0 when none was made.
@@ -52,7 +38,7 @@ impl Default for Expectation {
             statistics: StatisticsMask::ALL,
             bins: Some(BINS_MAX as u8),
             frame: Size::LARGEST,
-            image: ImageExpectation::None,
+            image: None,
             raw: false,
             values: 0,
             strict: false,

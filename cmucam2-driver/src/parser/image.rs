@@ -1,9 +1,8 @@
 //! Binary rows: frames and line modes.
 
-use super::{Expectation, ImageExpectation, Token};
+use super::{Expectation, Token};
 use crate::{
     colour::{LEVEL_MAX, LEVEL_MIN},
-    command::{StatisticsLines, TrackingLines},
     packet::BANNER,
     uncertain,
 };
@@ -18,9 +17,9 @@ pub enum ImageKind {
     Bitmap,
     /// `FE h`, five bytes for each row (mean, least and greatest column, count, confidence), `FD`.
     Rows,
-    /// `FE`, perhaps the number of rows, three (means) or six (means and deviations) bytes for each
-    /// row, `FD`.
-    Means,
+    /// `FE`, perhaps the number of rows, so many bytes for each row, three (means) or six (means and deviations),
+    /// `FD`.
+    Means(u8),
 }
 
 /// The beginning of an image.
@@ -133,28 +132,17 @@ impl Image {
         expectation: &Expectation,
         counted: Option<bool>,
     ) -> Option<Self> {
-        let (kind, place, row_bytes) = match (byte, expectation.image) {
-            (FRAME_LEAD, ImageExpectation::Frame(bytes)) => {
-                (ImageKind::Frame(bytes), Place::Width, 0)
-            }
-            (BITMAP_MARK, ImageExpectation::Tracking(TrackingLines::Bitmap)) => {
-                (ImageKind::Bitmap, Place::Width, 0)
-            }
-            (LINES_LEAD, ImageExpectation::Tracking(TrackingLines::Rows)) => {
-                (ImageKind::Rows, Place::Height, 5)
-            }
-            (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::Means)) => {
-                (ImageKind::Means, Place::FirstMean, 3)
-            }
-            (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations)) => {
-                (ImageKind::Means, Place::FirstMean, 6)
-            }
-            _ => return None,
+        let kind = expectation.image?;
+        let (lead, place, row_bytes) = match kind {
+            ImageKind::Frame(_) => (FRAME_LEAD, Place::Width, 0),
+            ImageKind::Bitmap => (BITMAP_MARK, Place::Width, 0),
+            ImageKind::Rows => (LINES_LEAD, Place::Height, 5),
+            ImageKind::Means(bytes) => (LINES_LEAD, Place::FirstMean, bytes),
         };
-        Some(Self {
+        (byte == lead).then_some(Self {
             kind,
             place,
-            row_bytes,
+            row_bytes: row_bytes.into(),
             counted,
             ..Self::NONE
         })
@@ -185,7 +173,7 @@ impl Image {
             }
             Place::Row => match self.kind {
                 ImageKind::Frame(_) => self.frame(byte),
-                ImageKind::Means => self.means(byte),
+                ImageKind::Means(_) => self.means(byte),
                 ImageKind::Bitmap | ImageKind::Rows => self.counted(byte),
             },
             Place::RowFull => self.frame(byte),
@@ -211,14 +199,14 @@ impl Image {
         self.row_bytes = match self.kind {
             ImageKind::Frame(bytes) => u16::from(self.width) * u16::from(bytes),
             ImageKind::Bitmap => u16::from(self.width.div_ceil(8)),
-            ImageKind::Rows | ImageKind::Means => self.row_bytes,
+            ImageKind::Rows | ImageKind::Means(_) => self.row_bytes,
         };
         Step::Token(Token::Header(self.header()))
     }
 
     /// The header of an image that announces nothing, right after its lead.
     pub(super) fn header_without_sizes(&self) -> Option<ImageHeader> {
-        (self.kind == ImageKind::Means).then(|| self.header())
+        matches!(self.kind, ImageKind::Means(_)).then(|| self.header())
     }
 
     fn header(&self) -> ImageHeader {

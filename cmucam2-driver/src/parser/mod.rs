@@ -22,7 +22,7 @@ mod expectation;
 mod image;
 
 pub use dropped::DroppedBytes;
-pub use expectation::{Expectation, ImageExpectation};
+pub use expectation::Expectation;
 pub use image::{ImageHeader, ImageKind, RowState};
 
 use crate::{

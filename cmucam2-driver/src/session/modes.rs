@@ -4,13 +4,11 @@ use core::ops::Range;
 
 use crate::{
     colour::ColourBounds,
-    command::{
-        Effect, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask, TrackingLines,
-    },
+    command::{Effect, Mode, Order, RawMode, Reply, StatisticsMask},
     features::FULL,
     geometry::{DownSampling, Sensor, Size, Window},
     packet::{BINS_MAX, PacketKind, TrackingFields},
-    parser::{Expectation, ImageExpectation},
+    parser::{Expectation, ImageKind},
     register::{PAIRS_MAX, Register},
     servo::ServoMask,
 };
@@ -329,37 +327,24 @@ impl Modes {
             Some(_) => None,
             None => Some(BINS_MAX as u8),
         };
-        expectation.image = match reply {
-            Reply::Frame if order.arguments().is_empty() => ImageExpectation::Frame(3),
-            Reply::Frame => ImageExpectation::Frame(1),
-            Reply::Packets(PacketKind::Tracking) => {
-                ImageExpectation::Tracking(self.tracking_lines())
-            }
-            Reply::Packets(PacketKind::Statistics) => {
-                ImageExpectation::Statistics(self.statistics_lines())
-            }
-            _ => ImageExpectation::None,
+        let lines = match reply {
+            Reply::Packets(PacketKind::Tracking) => self.value(Mode::TrackingLines),
+            Reply::Packets(PacketKind::Statistics) => self.value(Mode::StatisticsLines),
+            _ => None,
+        };
+        expectation.image = match (reply, lines) {
+            (Reply::Frame, _) if order.arguments().is_empty() => Some(ImageKind::Frame(3)),
+            (Reply::Frame, _) => Some(ImageKind::Frame(1)),
+            (Reply::Packets(PacketKind::Tracking), Some(1)) => Some(ImageKind::Bitmap),
+            (Reply::Packets(PacketKind::Tracking), Some(2)) => Some(ImageKind::Rows),
+            (_, Some(1)) => Some(ImageKind::Means(3)),
+            (_, Some(2)) => Some(ImageKind::Means(6)),
+            _ => None,
         };
         expectation.raw = self
             .value(Mode::Raw)
             .and_then(|bits| RawMode::new(bits).ok())
             .unwrap_or_default()
             .output();
-    }
-
-    fn tracking_lines(&self) -> TrackingLines {
-        match self.value(Mode::TrackingLines) {
-            Some(1) => TrackingLines::Bitmap,
-            Some(2) => TrackingLines::Rows,
-            _ => TrackingLines::Off,
-        }
-    }
-
-    fn statistics_lines(&self) -> StatisticsLines {
-        match self.value(Mode::StatisticsLines) {
-            Some(1) => StatisticsLines::Means,
-            Some(2) => StatisticsLines::MeansAndDeviations,
-            _ => StatisticsLines::Off,
-        }
     }
 }

@@ -15,10 +15,10 @@ use cmucam2_driver::{
     servo::{Servo, ServoAxis, ServoMask, ServoParameters, ServoPosition},
     session::{Answer, Learn, Request, StartUp},
 };
-use cmucam2_emulator::{Configuration, Note, Switches};
+use cmucam2_emulator::{Note, Switches};
 use cmucam2_pair::Link;
 
-use crate::support::{driver, orange, orange_box};
+use crate::support::{self, driver, orange, orange_box};
 
 /// The target, counted from 0, both ends inside.
 const COLUMNS: [u8; 2] = [30, 49];
@@ -213,14 +213,14 @@ fn steps() -> Vec<(Request, Expect)> {
         (
             means(StatisticsLines::Means),
             Command::GetMean,
-            ImageKind::Means,
+            ImageKind::Means(3),
             3,
             means(StatisticsLines::Off),
         ),
         (
             means(StatisticsLines::MeansAndDeviations),
             Command::GetMean,
-            ImageKind::Means,
+            ImageKind::Means(6),
             6,
             means(StatisticsLines::Off),
         ),
@@ -431,11 +431,10 @@ fn read_image(link: &mut Link, kind: ImageKind, row_bytes: u16, narrow: u8) -> R
 
 /// All steps with one camera; returns the letters that it was sent.
 fn run(switches: Switches) -> Result<BTreeSet<[u8; 2]>, String> {
-    let configuration = Configuration {
-        switches,
-        watched: true,
-        ..Configuration::default()
-    };
+    let configuration = support::with(|it| {
+        it.switches = switches;
+        it.watched = true;
+    });
     let mut link = driver(configuration, orange_box(COLUMNS, ROWS));
     let mut letters = BTreeSet::new();
     for (request, expect) in steps() {

@@ -12,10 +12,10 @@ use cmucam2_driver::{
     register::{Register, Registers},
     session::{Answer, Fault, Policy, Request},
 };
-use cmucam2_emulator::{BAUD_RATES, Configuration, FaultRates, Note};
+use cmucam2_emulator::{BAUD_RATES, FaultRates, Note};
 use cmucam2_pair::{Link, measure::corruption};
 
-use crate::support::{SECOND, command, driver, driver_with, orange, orange_box};
+use crate::support::{SECOND, command, driver, driver_with, orange, orange_box, tracking, with};
 
 /// Numbers that the camera sends while it sees its target undisturbed.
 const HERE: [u8; 8] = [40, 60, 31, 41, 50, 80, 100, 255];
@@ -34,11 +34,10 @@ struct Application {
 
 impl Application {
     fn new(faults: FaultRates, seed: u64, strict: bool) -> Self {
-        let configuration = Configuration {
-            seed,
-            watched: true,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.seed = seed;
+            it.watched = true;
+        });
         let mut policy = Policy::default();
         policy.strict = strict;
         let scene = orange_box([30, 49], [40, 79]);
@@ -165,11 +164,8 @@ fn the_driver_survives_every_fault_and_invents_nothing() {
             application.run(100);
             assert_eq!(application.delivered, 100, "{fault}, seed {seed}");
             assert_eq!(application.wrong, [], "{fault}, seed {seed}");
-            assert_eq!(
-                application.link.ask(Request::Next),
-                Ok(Answer::Packet(Packet::Tracking(Tracking::new(HERE)))),
-                "{fault}, seed {seed}"
-            );
+            let last = tracking(application.link.ask(Request::Next));
+            assert_eq!(last, Tracking::new(HERE), "{fault}, seed {seed}");
         }
         println!("{fault} at {rate}: {wrong} wrong of {delivered} delivered");
         assert!(delivered > 2_000, "{fault}: {delivered}");
@@ -201,14 +197,7 @@ fn at_a_fifth_of_damaged_lines_only_the_undetectable_passes() {
 
 #[test]
 fn a_camera_that_does_not_start_needs_its_power_cycled() {
-    let faults = FaultRates {
-        dead_start: 1.0,
-        ..FaultRates::default()
-    };
-    let configuration = Configuration {
-        faults,
-        ..Configuration::default()
-    };
+    let configuration = with(|it| it.faults.dead_start = 1.0);
     let mut link = driver(configuration, orange_box([30, 49], [40, 79]));
     assert_eq!(command(&mut link, Command::Reset), Err(Fault::Silence));
     link.camera.set_faults(&FaultRates::default());
@@ -226,11 +215,10 @@ fn a_camera_that_does_not_start_needs_its_power_cycled() {
 fn a_wrong_baud_rate_is_garbage_or_silence() {
     for camera in BAUD_RATES {
         for host in BAUD_RATES.into_iter().filter(|host| *host != camera) {
-            let configuration = Configuration {
-                baud: camera,
-                host_baud: host,
-                ..Configuration::default()
-            };
+            let configuration = with(|it| {
+                it.baud = camera;
+                it.host_baud = host;
+            });
             let mut link = driver(configuration, orange_box([30, 49], [40, 79]));
             let answer = command(&mut link, Command::GetVersion);
             assert!(
@@ -238,11 +226,10 @@ fn a_wrong_baud_rate_is_garbage_or_silence() {
                 "{camera} heard at {host}: {answer:?}"
             );
         }
-        let configuration = Configuration {
-            baud: camera,
-            host_baud: camera,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.baud = camera;
+            it.host_baud = camera;
+        });
         let mut link = driver(configuration, orange_box([30, 49], [40, 79]));
         assert!(command(&mut link, Command::GetVersion).is_ok(), "{camera}");
     }
@@ -259,9 +246,8 @@ fn a_brown_out_in_a_stream_loses_no_mode() {
         let now = application.link.now();
         application.link.camera.brown_out(now, quietly);
         application.run(20);
-        let answer = application.link.ask(Request::Next);
-        let here = Answer::Packet(Packet::Tracking(Tracking::new(HERE)));
-        assert_eq!(answer, Ok(here), "quietly: {quietly}");
+        let seen = tracking(application.link.ask(Request::Next));
+        assert_eq!(seen, Tracking::new(HERE), "quietly: {quietly}");
         assert_eq!(application.link.session.restarts(), 1);
         assert!(application.wrong.is_empty());
     }

@@ -4,7 +4,7 @@ use cmucam2_emulator::{Configuration, FaultRates, Sensor, Switches};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::support::{MILLISECOND, ORANGE_TC, SECOND, Terminal, orange_box};
+use crate::support::{MILLISECOND, ORANGE_TC, SECOND, Terminal, orange_box, with};
 
 fn terminal() -> Terminal {
     let mut terminal = Terminal::new(Configuration::default(), orange_box([30, 49], [40, 79]));
@@ -98,11 +98,8 @@ fn inputs_and_the_button_are_read() {
 fn a_stop_cuts_the_packet_under_way() {
     let packet = "T 40 60 31 41 50 80 100 255\r";
     for (within, answer) in [(1, "T 40 60 3:"), (0, "T 40 60 31 41 50 80 100 255\r:")] {
-        let switches = Switches {
-            stop_within_packet: within,
-            ..Switches::default()
-        };
-        let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+        let cuts = with(|it| it.switches.stop_within_packet = within);
+        let mut terminal = Terminal::new(cuts, orange_box([30, 49], [40, 79]));
         terminal.freeze();
         let mut heard = String::new();
         for byte in ORANGE_TC.bytes() {
@@ -239,11 +236,10 @@ fn the_frame_rate_follows_the_clock_divider_and_the_window() {
 #[test]
 fn every_byte_has_its_time() {
     for baud in cmucam2_emulator::BAUD_RATES {
-        let configuration = Configuration {
-            baud,
-            host_baud: baud,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.baud = baud;
+            it.host_baud = baud;
+        });
         let mut terminal = Terminal::new(configuration, orange_box([30, 49], [40, 79]));
         terminal.read(5 * SECOND);
         let mut duration = |command: &str| {
@@ -269,11 +265,8 @@ fn every_byte_has_its_time() {
 fn sleep() {
     for (prompt, asleep, awake) in [(1, "ACK\r:", ""), (0, "ACK\r", ":")] {
         for command in ["SL\r", "SD\r"] {
-            let switches = Switches {
-                sleep_prompt: prompt,
-                ..Switches::default()
-            };
-            let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+            let prompts = with(|it| it.switches.sleep_prompt = prompt);
+            let mut terminal = Terminal::new(prompts, orange_box([30, 49], [40, 79]));
             assert_eq!(terminal.types(command), asleep);
             terminal.camera.receive(b'\r', terminal.now);
             terminal.now += 5 * MILLISECOND;
@@ -287,16 +280,10 @@ fn sleep() {
 /// Bounds turned round: the sources do not tell.
 #[test]
 fn inverted_bounds_are_refused_or_track_nothing() {
-    let switches = Switches {
-        inverted_bounds: 1,
-        ..Switches::default()
-    };
-    let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
-    let refusing = Switches {
-        inverted_bounds: 0,
-        ..Switches::default()
-    };
-    let mut strict = Terminal::with_switches(refusing, orange_box([30, 49], [40, 79]));
+    let [mut strict, mut terminal] = [0, 1].map(|position| {
+        let accepts = with(|it| it.switches.inverted_bounds = position);
+        Terminal::new(accepts, orange_box([30, 49], [40, 79]))
+    });
     assert_eq!(strict.types("TC 240 170 60 150 16 90\r"), "NCK\r:");
     terminal.types("PM 1\r");
     assert_eq!(
@@ -309,9 +296,8 @@ fn inverted_bounds_are_refused_or_track_nothing() {
 
 #[test]
 fn learning_in_the_window_says_what_it_saw() {
-    let mut configuration = Configuration::default();
-    configuration.switches.window_mean = 1;
-    let mut terminal = Terminal::new(configuration, orange_box([0, 87], [0, 142]));
+    let means = with(|it| it.switches.window_mean = 1);
+    let mut terminal = Terminal::new(means, orange_box([0, 87], [0, 142]));
     terminal.freeze();
     let stream = terminal.types("TW\r");
     let mean = stream.split('\r').nth(1).unwrap().to_owned();
@@ -360,14 +346,13 @@ fn no_input_breaks_it() {
             }
         }
         let sensor = [Sensor::Ov6620, Sensor::Ov7620][usize::from(seed % 3 == 2)];
-        let configuration = Configuration {
-            sensor,
-            switches,
-            faults,
-            seed,
-            watched: true,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.sensor = sensor;
+            it.switches = switches;
+            it.faults = faults;
+            it.seed = seed;
+            it.watched = true;
+        });
         let mut terminal = Terminal::new(configuration, orange_box([80, 95], [130, 150]));
         for _ in 0..60 {
             let place = random.random_range(0..letters.len() / 2) * 2;
@@ -406,11 +391,10 @@ fn the_same_seed_and_commands_give_the_same_bytes() {
         for fault in FaultRates::TABLE {
             faults.set(fault.name, 0.01).unwrap();
         }
-        let configuration = Configuration {
-            seed,
-            faults,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.seed = seed;
+            it.faults = faults;
+        });
         let mut scene = orange_box([30, 49], [40, 79]);
         scene.noise = 3.0;
         scene.flicker = 0.1;

@@ -4,10 +4,10 @@
 use arbitrary::{Arbitrary, Unstructured};
 use cmucam2_driver::{
     Packet,
-    command::{StatisticsLines, StatisticsMask, TrackingLines},
+    command::StatisticsMask,
     geometry::Size,
     packet::{Tracking, TrackingFields},
-    parser::{Expectation, ImageExpectation, Parser, Token},
+    parser::{Expectation, ImageKind, Parser, Token},
     servo::ServoMask,
 };
 
@@ -23,13 +23,13 @@ pub(crate) fn run(input: &[u8]) {
         bins: (servos & 16 == 0).then_some(28),
         frame: Size::new(88, 143),
         image: match image % 7 {
-            0 => ImageExpectation::None,
-            1 => ImageExpectation::Frame(1),
-            2 => ImageExpectation::Frame(3),
-            3 => ImageExpectation::Tracking(TrackingLines::Bitmap),
-            4 => ImageExpectation::Tracking(TrackingLines::Rows),
-            5 => ImageExpectation::Statistics(StatisticsLines::Means),
-            _ => ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations),
+            0 => None,
+            1 => Some(ImageKind::Frame(1)),
+            2 => Some(ImageKind::Frame(3)),
+            3 => Some(ImageKind::Bitmap),
+            4 => Some(ImageKind::Rows),
+            5 => Some(ImageKind::Means(3)),
+            _ => Some(ImageKind::Means(6)),
         },
         raw: servos & 32 != 0,
         values: values % 7,
