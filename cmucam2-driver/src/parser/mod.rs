@@ -180,7 +180,7 @@ impl Parser {
 
     /// Takes the expected bytes from now on. An image that was begun goes on only if it is still expected.
     pub fn expect(&mut self, expectation: Expectation) {
-        if self.state == State::Image && self.expectation.image != expectation.image {
+        if self.is_in_image() && self.expectation.image != expectation.image {
             self.drop_held(Reason::Cut);
             self.state = State::Junk;
         }
@@ -199,7 +199,7 @@ impl Parser {
 
     /// Returns true if an image has begun and is not over: its rows may be far apart.
     pub(crate) fn is_in_image(&self) -> bool {
-        self.state == State::Image
+        FULL && self.state == State::Image
     }
 
     /// The line has been silent for longer than any pause within a line: a line that was begun will not go
