@@ -116,8 +116,10 @@ impl Registers {
     /// More than [`PAIRS_MAX`] pairs.
     pub fn new(values: &[RegisterValue]) -> Result<Self, ArgumentError> {
         let mut all = Self::DEFAULTS;
-        for &value in values {
-            all.push(value)?;
+        for value in values {
+            let free = all.pairs.get_mut(usize::from(all.len));
+            *free.ok_or(ArgumentError::Registers)? = value.bytes();
+            all.len += 1;
         }
         Ok(all)
     }
@@ -137,34 +139,7 @@ impl Registers {
         Self { pairs, len: 2 }
     }
 
-    /// Adds one more.
-    ///
-    /// # Errors
-    /// There are [`PAIRS_MAX`] already.
-    pub fn push(&mut self, value: RegisterValue) -> Result<(), ArgumentError> {
-        let free = self
-            .pairs
-            .get_mut(usize::from(self.len))
-            .ok_or(ArgumentError::Registers)?;
-        *free = value.bytes();
-        self.len += 1;
-        Ok(())
-    }
-
-    /// Returns true if there is none, which resets all registers to their defaults.
-    pub const fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// The pairs in the order in which they are written.
-    pub fn iter(&self) -> impl Iterator<Item = RegisterValue> + '_ {
-        self.pairs
-            .iter()
-            .take(usize::from(self.len))
-            .map(|&[register, value]| Register(register).with(value))
-    }
-
-    /// The same as the arguments of `CR`.
+    /// The arguments of `CR`.
     pub(crate) fn numbers(&self) -> &[u8] {
         self.pairs
             .get(..usize::from(self.len))

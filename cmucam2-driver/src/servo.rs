@@ -93,16 +93,6 @@ impl ServoMask {
         self.0
     }
 
-    /// Returns true if the camera turns the pan servo towards the target by itself.
-    pub const fn controls_pan(self) -> bool {
-        self.0 & 1 != 0
-    }
-
-    /// Returns true if the camera turns the tilt servo towards the target by itself.
-    pub const fn controls_tilt(self) -> bool {
-        self.0 & 2 != 0
-    }
-
     /// Returns true if colour-tracking packets end with the pan position.
     pub const fn reports_pan(self) -> bool {
         self.0 & 4 != 0

@@ -101,42 +101,18 @@ impl Application {
     }
 }
 
-struct Trial {
-    fault: &'static str,
-    rate: f64,
-    /// True if a wrong packet may be delivered.
-    undetectable: bool,
-}
-
-fn trials() -> Vec<Trial> {
-    FaultRates::TABLE
-        .iter()
-        .filter(|fault| fault.name != "dead_start")
-        .map(|fault| Trial {
-            fault: fault.name,
-            rate: match fault.name {
-                "nck" | "slow" => 0.3,
-                "corrupt_line" | "cut" => 0.2,
-                "clip" | "merge" | "flicker" => 0.2,
-                "corrupt_byte" | "stray" | "overrun" => 0.01,
-                _ => 0.02,
-            },
-            undetectable: matches!(
-                fault.name,
-                "corrupt_line" | "corrupt_byte" | "stray" | "overrun"
-            ),
-        })
-        .collect()
-}
-
 #[test]
 fn the_driver_survives_every_fault_and_invents_nothing() {
-    for Trial {
-        fault,
-        rate,
-        undetectable,
-    } in trials()
-    {
+    let names = FaultRates::TABLE.iter().map(|fault| fault.name);
+    for fault in names.filter(|name| *name != "dead_start") {
+        let rate = match fault {
+            "nck" | "slow" => 0.3,
+            "corrupt_line" | "cut" | "clip" | "merge" | "flicker" => 0.2,
+            "corrupt_byte" | "stray" | "overrun" => 0.01,
+            _ => 0.02,
+        };
+        // A wrong packet may be delivered.
+        let on_the_line = matches!(fault, "corrupt_byte" | "corrupt_line" | "stray" | "overrun");
         let mut faults = FaultRates::default();
         faults.set(fault, rate).unwrap();
         let (mut delivered, mut wrong) = (0, 0);
@@ -148,12 +124,8 @@ fn the_driver_survives_every_fault_and_invents_nothing() {
             application.run(1_500);
             delivered += application.delivered;
             wrong += application.wrong.len();
-            let on_the_line =
-                matches!(fault, "corrupt_byte" | "corrupt_line" | "stray" | "overrun");
             if !on_the_line {
                 assert!(application.struck.contains(&fault), "{fault} never struck");
-            }
-            if !undetectable {
                 assert_eq!(application.wrong, [], "{fault}, seed {seed}");
             }
             // Without the fault all is well again, soon and for good.
