@@ -76,41 +76,6 @@ impl fmt::Display for PacketError {
 
 impl core::error::Error for PacketError {}
 
-/// Fields that a T packet carries.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TrackingFields {
-    /// The output mask: bit 0 is mx, bit 7 the confidence.
-    pub mask: u8,
-    /// The pan position follows.
-    pub pan: bool,
-    /// The tilt position follows.
-    pub tilt: bool,
-}
-
-impl TrackingFields {
-    /// All eight, no servo positions: the fields after a reset of the camera.
-    pub const ALL: Self = Self {
-        mask: 0xFF,
-        pan: false,
-        tilt: false,
-    };
-
-    /// The masked fields and those that the servo mask adds.
-    pub const fn new(mask: u8, servos: ServoMask) -> Self {
-        Self {
-            mask,
-            pan: servos.reports_pan(),
-            tilt: servos.reports_tilt(),
-        }
-    }
-
-    /// Number of numbers behind the letter.
-    pub const fn count(self) -> u8 {
-        self.mask.count_ones() as u8 + self.pan as u8 + self.tilt as u8
-    }
-}
-
 /// A bounding box, both corners inside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -211,29 +176,37 @@ impl Tracking {
         Self { fields, pan, tilt }
     }
 
-    /// From the numbers of a packet, checked against the frame they must lie in.
+    /// Number of fields of a packet under these masks.
+    pub(crate) const fn fields(mask: u8, servos: ServoMask) -> u8 {
+        mask.count_ones() as u8 + servos.reports_pan() as u8 + servos.reports_tilt() as u8
+    }
+
+    /// From the numbers of a packet under an output mask, of which bit 0 is mx and bit 7 the confidence, and with the
+    /// positions that a servo mask adds; checked against the frame they must lie in.
     ///
     /// # Errors
     /// [`PacketError`], except [`PacketError::Arithmetic`]: for that see
     /// [`Tracking::is_consistent`].
     pub fn from_fields(
         numbers: &[u8],
-        fields: TrackingFields,
+        mask: u8,
+        servos: ServoMask,
         frame: Size,
     ) -> Result<Self, PacketError> {
+        let (pan, tilt) = (servos.reports_pan(), servos.reports_tilt());
         // The usual packet, without looking at masks.
-        if let (TrackingFields::ALL, Ok(values)) = (fields, numbers.try_into()) {
+        if let (0xFF, false, false, Ok(values)) = (mask, pan, tilt, numbers.try_into()) {
             let tracking = Self::new(values);
             return tracking.check(frame).map(|()| tracking);
         }
-        if numbers.len() != usize::from(fields.count()) {
+        if numbers.len() != usize::from(Self::fields(mask, servos)) {
             return Err(PacketError::FieldCount);
         }
         let mut numbers = numbers.iter().copied();
         let tracking = Self {
-            fields: Fields::placed(fields.mask, &mut numbers),
-            pan: if fields.pan { numbers.next() } else { None },
-            tilt: if fields.tilt { numbers.next() } else { None },
+            fields: Fields::placed(mask, &mut numbers),
+            pan: if pan { numbers.next() } else { None },
+            tilt: if tilt { numbers.next() } else { None },
         };
         tracking.check(frame)?;
         Ok(tracking)

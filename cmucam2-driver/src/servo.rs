@@ -64,6 +64,9 @@ impl ServoPosition {
 pub struct ServoMask(u8);
 
 impl ServoMask {
+    /// Neither control nor reports.
+    pub const NONE: Self = Self(0);
+
     /// # Errors
     /// A bit above the fourth.
     pub const fn new(bits: u8) -> Result<Self, ArgumentError> {

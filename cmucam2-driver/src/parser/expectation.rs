@@ -1,18 +1,16 @@
 //! Expected bytes.
 
 use super::ImageKind;
-use crate::{
-    command::StatisticsMask,
-    geometry::Size,
-    packet::{BINS_MAX, TrackingFields},
-};
+use crate::{command::StatisticsMask, geometry::Size, packet::BINS_MAX, servo::ServoMask};
 
 /// Expected bytes, as far as the bytes themselves do not tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Expectation {
-    /// The fields of T packets.
-    pub tracking: TrackingFields,
+    /// The fields of T packets: bit 0 is mx, bit 7 the confidence.
+    pub tracking: u8,
+    /// The servo positions behind them.
+    pub servos: ServoMask,
     /// The fields of S packets.
     pub statistics: StatisticsMask,
     /// The bins of H packets; `None` accepts any number.
@@ -34,7 +32,8 @@ impl Default for Expectation {
     /// A camera after its reset.
     fn default() -> Self {
         Self {
-            tracking: TrackingFields::ALL,
+            tracking: 0xFF,
+            servos: ServoMask::NONE,
             statistics: StatisticsMask::ALL,
             bins: Some(BINS_MAX as u8),
             frame: Size::LARGEST,

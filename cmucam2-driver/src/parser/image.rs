@@ -55,15 +55,8 @@ fn is_level(byte: u8) -> bool {
 pub(super) enum Step {
     Nothing,
     Token(Token),
-    /// The byte ended the image.
-    End {
-        rows: u16,
-        intact: bool,
-    },
     /// The image ended although its mark is missing; the byte belongs to the next token.
-    EndBefore {
-        rows: u16,
-    },
+    EndBefore(Token),
     /// This is no image.
     Refuse,
     /// The camera restarted within the image: its banner has come as far as the version.
@@ -218,6 +211,21 @@ impl Image {
         }
     }
 
+    /// The end of the image. `as_announced`: nothing is missing.
+    fn over(&self, as_announced: bool) -> Token {
+        Token::ImageEnd {
+            rows: self.rows,
+            intact: self.intact && as_announced,
+        }
+    }
+
+    /// The bytes of the row so far were none. Returns their number.
+    fn give_up_row(&mut self) -> u16 {
+        self.intact = false;
+        self.row_intact = true;
+        core::mem::take(&mut self.at)
+    }
+
     /// One byte of the row, known to have room.
     fn pixel(&mut self, byte: u8, possible: bool) -> Step {
         self.row_intact &= possible;
@@ -246,24 +254,15 @@ impl Image {
                 if self.at == 0 {
                     return Step::Nothing;
                 }
-                let bytes = self.at;
-                self.at = 0;
                 self.rows += 1;
-                self.intact = false;
-                self.row_intact = true;
-                Step::Token(Token::RowCut(bytes))
+                Step::Token(Token::RowCut(self.give_up_row()))
             }
-            (FRAME_END, _) => Step::End {
-                rows: self.rows,
-                intact: self.intact && self.at == 0 && complete,
-            },
-            (_, _) if complete => Step::EndBefore { rows: self.rows },
+            (FRAME_END, _) => Step::Token(self.over(self.at == 0 && complete)),
+            (_, _) if complete => Step::EndBefore(self.over(false)),
             // What seemed to begin a row without a mark was a byte too many of the one before.
             (ROW_LEAD, _) if self.rows == 1 && self.at == 1 => {
                 self.marked = Some(true);
-                self.at = 0;
-                self.intact = false;
-                self.row_intact = true;
+                self.give_up_row();
                 Step::Token(Token::RowAgain)
             }
             (_, Place::RowFull) if self.marked == Some(true) || !is_level(byte) => {
@@ -300,16 +299,13 @@ impl Image {
             LINES_END
         };
         if byte != mark {
-            return Step::EndBefore { rows: self.rows };
+            return Step::EndBefore(self.over(false));
         }
         if missing > 1 {
             self.place = Place::End(missing - 1);
             return Step::Nothing;
         }
-        Step::End {
-            rows: self.rows,
-            intact: self.intact,
-        }
+        Step::Token(self.over(true))
     }
 
     /// Returns true if the number of rows comes first, as far as the images so far have shown.
@@ -332,13 +328,10 @@ impl Image {
     fn means(&mut self, byte: u8) -> Step {
         if byte == LINES_END {
             self.recount();
-            return Step::End {
-                rows: self.rows,
-                intact: self.intact && self.at == 0,
-            };
+            return Step::Token(self.over(self.at == 0));
         }
         if self.rows > u16::from(u8::MAX) {
-            return Step::EndBefore { rows: self.rows };
+            return Step::EndBefore(self.over(false));
         }
         self.pixel(byte, byte <= LEVEL_MAX)
     }

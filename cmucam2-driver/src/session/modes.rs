@@ -7,7 +7,7 @@ use crate::{
     command::{Effect, Mode, Order, RawMode, Reply, StatisticsMask},
     features::FULL,
     geometry::{DownSampling, Sensor, Size, Window},
-    packet::{BINS_MAX, PacketKind, TrackingFields},
+    packet::{BINS_MAX, PacketKind},
     parser::{Expectation, ImageKind},
     register::{PAIRS_MAX, Register},
     servo::ServoMask,
@@ -308,17 +308,13 @@ impl Modes {
     /// Effect of other modes on packets and images.
     fn expect_formats(&self, order: &Order, expectation: &mut Expectation) {
         let reply = order.reply();
-        let servos = match reply {
-            // Only colour tracking reports servos.
-            Reply::Packets(PacketKind::Difference) => None,
-            _ => self.value(Mode::ServoMask),
-        };
-        expectation.tracking = TrackingFields::new(
-            self.value(Mode::TrackingMask).unwrap_or(0xFF),
-            servos
-                .and_then(|bits| ServoMask::new(bits).ok())
-                .unwrap_or_default(), // nothing is reported
-        );
+        expectation.tracking = self.value(Mode::TrackingMask).unwrap_or(0xFF);
+        // Only colour tracking reports servos.
+        if reply != Reply::Packets(PacketKind::Difference) {
+            let told = self.value(Mode::ServoMask);
+            let servos = told.and_then(|bits| ServoMask::new(bits).ok());
+            expectation.servos = servos.unwrap_or_default();
+        }
         expectation.statistics = self
             .value(Mode::StatisticsMask)
             .and_then(|bits| StatisticsMask::new(bits).ok())

@@ -6,7 +6,7 @@ use cmucam2_driver::{
     Packet,
     command::StatisticsMask,
     geometry::Size,
-    packet::{Tracking, TrackingFields},
+    packet::Tracking,
     parser::{Expectation, ImageKind, Parser, Token},
     servo::ServoMask,
 };
@@ -18,7 +18,8 @@ pub(crate) fn run(input: &[u8]) {
     };
     let (mask, servos, image, values, bytes) = input;
     let expectation = Expectation {
-        tracking: TrackingFields::new(mask, ServoMask::new(servos & 15).unwrap()),
+        tracking: mask,
+        servos: ServoMask::new(servos & 15).unwrap(),
         statistics: StatisticsMask::new(mask & 63).unwrap(),
         bins: (servos & 16 == 0).then_some(28),
         frame: Size::new(88, 143),
