@@ -246,35 +246,25 @@ pub struct Garbled {
 
 impl fmt::Display for Garbled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const KINDS: [&str; 6] = [
-            "malformed",
-            "cut short",
-            "with a wrong number of fields",
-            "with impossible numbers",
-            "in images",
-            "noise between lines",
+        let (a, b) = (&self.before.dropped, &self.after.dropped);
+        let counts = [
+            (b.malformed.saturating_sub(a.malformed), "malformed"),
+            (b.cut.saturating_sub(a.cut), "cut short"),
+            (
+                b.fields.saturating_sub(a.fields),
+                "with a wrong number of fields",
+            ),
+            (
+                b.impossible.saturating_sub(a.impossible),
+                "with impossible numbers",
+            ),
+            (b.images.saturating_sub(a.images), "in images"),
+            (b.noise.saturating_sub(a.noise), "noise between lines"),
         ];
-        let counts = |of: &Counters| {
-            let it = &of.dropped;
-            [
-                it.malformed,
-                it.cut,
-                it.fields,
-                it.impossible,
-                it.images,
-                it.noise,
-            ]
-        };
-        let (before, after) = (counts(&self.before), counts(&self.after));
-        let bytes = self
-            .after
-            .dropped
-            .bytes
-            .saturating_sub(self.before.dropped.bytes);
+        let bytes = b.bytes.saturating_sub(a.bytes);
         write!(f, "{bytes} bytes garbled")?;
         let mut separator = ": ";
-        for (kind, (before, after)) in KINDS.iter().zip(before.into_iter().zip(after)) {
-            let count = after.saturating_sub(before);
+        for (count, kind) in counts {
             if count > 0 {
                 write!(f, "{separator}{count} {kind}")?;
                 separator = ", ";

@@ -92,7 +92,7 @@ impl Modes {
         self.told.remove(b"VW");
     }
 
-    /// What the command of these letters has set.
+    /// The arguments that the command of these letters has set.
     pub(super) fn told(&self, letters: &[u8; 2]) -> &[u8] {
         self.told.get(letters).map_or(&[], Vec::as_slice)
     }
