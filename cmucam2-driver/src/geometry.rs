@@ -23,24 +23,20 @@ pub struct Size {
 }
 
 impl Size {
+    /// So many columns and rows.
+    pub const fn new(width: u8, height: u8) -> Self {
+        Self { width, height }
+    }
+
     /// Larger than any frame of a camera whose sensor is not known.
-    pub const LARGEST: Self = Self {
-        width: 176,
-        height: 255,
-    };
+    pub const LARGEST: Self = Self::new(176, 255);
 
     /// The frame of a sensor. Only the OV6620 has a high resolution.
     pub const fn of(sensor: Sensor, high_resolution: bool) -> Self {
         match (sensor, high_resolution) {
-            (Sensor::Ov6620, false) => Self {
-                width: 88,
-                height: 143,
-            },
+            (Sensor::Ov6620, false) => Self::new(88, 143),
             (Sensor::Ov6620, true) => Self::LARGEST,
-            (Sensor::Ov7620, _) => Self {
-                width: 160,
-                height: 239,
-            },
+            (Sensor::Ov7620, _) => Self::new(160, 239),
         }
     }
 }

@@ -78,3 +78,4 @@ mod text;
 pub use command::Command;
 pub use device::{Cmucam2, Error};
 pub use packet::Packet;
+pub use text::Line;

@@ -76,41 +76,6 @@ impl fmt::Display for PacketError {
 
 impl core::error::Error for PacketError {}
 
-/// Fields that a T packet carries.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TrackingFields {
-    /// The output mask: bit 0 is mx, bit 7 the confidence.
-    pub mask: u8,
-    /// The pan position follows.
-    pub pan: bool,
-    /// The tilt position follows.
-    pub tilt: bool,
-}
-
-impl TrackingFields {
-    /// All eight, no servo positions: the fields after a reset of the camera.
-    pub const ALL: Self = Self {
-        mask: 0xFF,
-        pan: false,
-        tilt: false,
-    };
-
-    /// The masked fields and those that the servo mask adds.
-    pub const fn new(mask: u8, servos: ServoMask) -> Self {
-        Self {
-            mask,
-            pan: servos.reports_pan(),
-            tilt: servos.reports_tilt(),
-        }
-    }
-
-    /// Number of numbers behind the letter.
-    pub const fn count(self) -> u8 {
-        self.mask.count_ones() as u8 + self.pan as u8 + self.tilt as u8
-    }
-}
-
 /// A bounding box, both corners inside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -132,6 +97,50 @@ impl BoundingBox {
     }
 }
 
+/// The numbers of a packet of which a mask selects some, the first in its lowest bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Fields<const N: usize> {
+    /// Zero where masked.
+    values: [u8; N],
+    mask: u8,
+}
+
+impl<const N: usize> Fields<N> {
+    /// Those that were sent, in their places.
+    fn placed(mask: u8, sent: &mut impl Iterator<Item = u8>) -> Self {
+        let mut values = [0; N];
+        for (bit, value) in values.iter_mut().enumerate() {
+            if mask >> bit & 1 != 0 {
+                *value = sent.next().unwrap_or(0);
+            }
+        }
+        Self { values, mask }
+    }
+
+    fn masked(self, mask: u8) -> Self {
+        let selected = self.values.iter().enumerate();
+        let selected = selected.filter(|(bit, _)| mask >> bit & 1 != 0);
+        Self::placed(mask, &mut selected.map(|(_, &value)| value))
+    }
+
+    fn has(&self, bits: u8) -> bool {
+        self.mask & bits == bits
+    }
+
+    fn get(&self, bit: u8) -> Option<u8> {
+        if !self.has(1 << bit) {
+            return None;
+        }
+        self.values.get(usize::from(bit)).copied()
+    }
+
+    /// Those that are sent.
+    fn sent(&self) -> impl Iterator<Item = u8> + '_ {
+        (0..N as u8).filter_map(|bit| self.get(bit))
+    }
+}
+
 /// A T packet: the place of the target. Coordinates are pixels after down-sampling, or blocks of the
 /// frame-difference grid, from the upper left corner.
 ///
@@ -140,9 +149,8 @@ impl BoundingBox {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tracking {
-    /// mx, my, x1, y1, x2, y2, pixels, confidence; zero where masked.
-    values: [u8; 8],
-    mask: u8,
+    /// mx, my, x1, y1, x2, y2, pixels, confidence.
+    fields: Fields<8>,
     pan: Option<u8>,
     tilt: Option<u8>,
 }
@@ -150,9 +158,9 @@ pub struct Tracking {
 impl Tracking {
     /// A packet of all eight fields: mx, my, x1, y1, x2, y2, pixels, confidence. Not checked.
     pub const fn new(values: [u8; 8]) -> Self {
+        let fields = Fields { values, mask: 0xFF };
         Self {
-            values,
-            mask: 0xFF,
+            fields,
             pan: None,
             tilt: None,
         }
@@ -163,68 +171,55 @@ impl Tracking {
 
     /// The same packet as a camera with these masks sends it.
     #[must_use]
-    pub fn masked(mut self, mask: u8, pan: Option<u8>, tilt: Option<u8>) -> Self {
-        for (bit, value) in self.values.iter_mut().enumerate() {
-            if mask >> bit & 1 == 0 {
-                *value = 0;
-            }
-        }
-        Self {
-            mask,
-            pan,
-            tilt,
-            ..self
-        }
+    pub fn masked(self, mask: u8, pan: Option<u8>, tilt: Option<u8>) -> Self {
+        let fields = self.fields.masked(mask);
+        Self { fields, pan, tilt }
     }
 
-    /// From the numbers of a packet, checked against the frame they must lie in.
+    /// Number of fields of a packet under these masks.
+    pub(crate) const fn fields(mask: u8, servos: ServoMask) -> u8 {
+        mask.count_ones() as u8 + servos.reports_pan() as u8 + servos.reports_tilt() as u8
+    }
+
+    /// From the numbers of a packet under an output mask, of which bit 0 is mx and bit 7 the confidence, and with the
+    /// positions that a servo mask adds; checked against the frame they must lie in.
     ///
     /// # Errors
     /// [`PacketError`], except [`PacketError::Arithmetic`]: for that see
     /// [`Tracking::is_consistent`].
     pub fn from_fields(
         numbers: &[u8],
-        fields: TrackingFields,
+        mask: u8,
+        servos: ServoMask,
         frame: Size,
     ) -> Result<Self, PacketError> {
+        let (pan, tilt) = (servos.reports_pan(), servos.reports_tilt());
         // The usual packet, without looking at masks.
-        if let (TrackingFields::ALL, Ok(values)) = (fields, numbers.try_into()) {
+        if let (0xFF, false, false, Ok(values)) = (mask, pan, tilt, numbers.try_into()) {
             let tracking = Self::new(values);
             return tracking.check(frame).map(|()| tracking);
         }
-        if numbers.len() != usize::from(fields.count()) {
+        if numbers.len() != usize::from(Self::fields(mask, servos)) {
             return Err(PacketError::FieldCount);
         }
         let mut numbers = numbers.iter().copied();
-        let mut tracking = Self {
-            values: [0; 8],
-            mask: fields.mask,
-            pan: None,
-            tilt: None,
+        let tracking = Self {
+            fields: Fields::placed(mask, &mut numbers),
+            pan: if pan { numbers.next() } else { None },
+            tilt: if tilt { numbers.next() } else { None },
         };
-        for (bit, value) in tracking.values.iter_mut().enumerate() {
-            if fields.mask >> bit & 1 != 0 {
-                *value = numbers.next().unwrap_or(0);
-            }
-        }
-        if fields.pan {
-            tracking.pan = numbers.next();
-        }
-        if fields.tilt {
-            tracking.tilt = numbers.next();
-        }
         tracking.check(frame)?;
         Ok(tracking)
     }
 
     #[inline]
     fn check(&self, frame: Size) -> Result<(), PacketError> {
-        let [mx, my, x1, y1, x2, y2, ..] = self.values;
+        let [mx, my, x1, y1, x2, y2, ..] = self.fields.values;
         let last = uncertain::last_coordinate(frame);
         if mx.max(x1).max(x2) > last.width || my.max(y1).max(y2) > last.height {
             return Err(PacketError::Geometry);
         }
-        let has = |bits: u8| self.mask & bits == bits;
+        let has = |bits: u8| self.fields.has(bits);
         let ordered = (!has(0b00_0101) || x1 <= mx)
             && (!has(0b01_0001) || mx <= x2)
             && (!has(0b01_0100) || x1 <= x2)
@@ -237,18 +232,11 @@ impl Tracking {
         Ok(())
     }
 
-    fn field(&self, bit: u8) -> Option<u8> {
-        if self.mask >> bit & 1 == 0 {
-            return None;
-        }
-        self.values.get(usize::from(bit)).copied()
-    }
-
     /// Returns true if the camera says that it tracks nothing: every field of the target is zero.
     ///
     /// A target of fewer than four pixels may have a pixel count of zero, but not its coordinates.
     pub fn is_lost(&self) -> bool {
-        self.values == [0; 8]
+        self.fields.values == [0; 8]
     }
 
     /// The middle of mass `(mx, my)`. `None` when lost or not sent.
@@ -256,7 +244,7 @@ impl Tracking {
         if self.is_lost() {
             return None;
         }
-        Some((self.field(0)?, self.field(1)?))
+        Some((self.fields.get(0)?, self.fields.get(1)?))
     }
 
     /// The box around all tracked pixels. `None` when lost or not sent.
@@ -265,21 +253,21 @@ impl Tracking {
             return None;
         }
         Some(BoundingBox {
-            x1: self.field(2)?,
-            y1: self.field(3)?,
-            x2: self.field(4)?,
-            y2: self.field(5)?,
+            x1: self.fields.get(2)?,
+            y1: self.fields.get(3)?,
+            x2: self.fields.get(4)?,
+            y2: self.fields.get(5)?,
         })
     }
 
     /// `min(255, (n + 4) / 8)` of `n` tracked pixels. `None` when not sent.
     pub fn pixels(&self) -> Option<u8> {
-        self.field(6)
+        self.fields.get(6)
     }
 
     /// `min(255, 256 n / area of the box)`. `None` when not sent.
     pub fn confidence(&self) -> Option<u8> {
-        self.field(7)
+        self.fields.get(7)
     }
 
     /// Position of the pan servo, if reported.
@@ -316,10 +304,7 @@ impl Tracking {
     }
 
     fn numbers(&self) -> impl Iterator<Item = u8> + '_ {
-        (0..8)
-            .filter_map(|bit| self.field(bit))
-            .chain(self.pan)
-            .chain(self.tilt)
+        self.fields.sent().chain(self.pan).chain(self.tilt)
     }
 }
 
@@ -327,36 +312,27 @@ impl Tracking {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Statistics {
-    /// Rm, Gm, Bm, Rd, Gd, Bd; zero where masked.
-    values: [u8; 6],
-    mask: StatisticsMask,
+    /// Rm, Gm, Bm, Rd, Gd, Bd.
+    fields: Fields<6>,
 }
 
 impl Statistics {
     /// A packet of all six fields.
     pub const fn new(mean: Colour, deviation: Colour) -> Self {
-        Self {
-            values: [
-                mean.red,
-                mean.green,
-                mean.blue,
-                deviation.red,
-                deviation.green,
-                deviation.blue,
-            ],
-            mask: StatisticsMask::ALL,
-        }
+        let [a, b, c] = mean.levels();
+        let [d, e, f] = deviation.levels();
+        let fields = Fields {
+            values: [a, b, c, d, e, f],
+            mask: StatisticsMask::ALL.bits(),
+        };
+        Self { fields }
     }
 
     /// The same packet as a camera with this mask sends it.
     #[must_use]
-    pub fn masked(mut self, mask: StatisticsMask) -> Self {
-        for (bit, value) in self.values.iter_mut().enumerate() {
-            if mask.bits() >> bit & 1 == 0 {
-                *value = 0;
-            }
-        }
-        Self { mask, ..self }
+    pub fn masked(self, mask: StatisticsMask) -> Self {
+        let fields = self.fields.masked(mask.bits());
+        Self { fields }
     }
 
     /// From the numbers of a packet.
@@ -367,34 +343,22 @@ impl Statistics {
         if numbers.len() != mask.bits().count_ones() as usize {
             return Err(PacketError::FieldCount);
         }
-        let mut numbers = numbers.iter().copied();
-        let mut values = [0; 6];
-        for (bit, value) in values.iter_mut().enumerate() {
-            if mask.bits() >> bit & 1 != 0 {
-                *value = numbers.next().unwrap_or(0);
-            }
-        }
-        Ok(Self { values, mask })
+        let fields = Fields::placed(mask.bits(), &mut numbers.iter().copied());
+        Ok(Self { fields })
     }
 
     /// The mean colour, if all its channels were sent.
     pub fn mean(&self) -> Option<Colour> {
-        let [red, green, blue, ..] = self.values;
-        (self.mask.bits() & 0b00_0111 == 0b00_0111).then_some(Colour { red, green, blue })
+        let [red, green, blue, ..] = self.fields.values;
+        let mean = Colour::new(red, green, blue);
+        self.fields.has(0b00_0111).then_some(mean)
     }
 
     /// The deviation from the mean, if all its channels were sent.
     pub fn deviation(&self) -> Option<Colour> {
-        let [.., red, green, blue] = self.values;
-        (self.mask.bits() & 0b11_1000 == 0b11_1000).then_some(Colour { red, green, blue })
-    }
-
-    fn numbers(&self) -> impl Iterator<Item = u8> + '_ {
-        self.values
-            .iter()
-            .enumerate()
-            .filter(|(bit, _)| self.mask.bits() >> bit & 1 != 0)
-            .map(|(_, &value)| value)
+        let [.., red, green, blue] = self.fields.values;
+        let deviation = Colour::new(red, green, blue);
+        self.fields.has(0b11_1000).then_some(deviation)
     }
 }
 
@@ -431,15 +395,7 @@ impl Histogram {
 }
 
 /// A packet as it goes over the line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PacketLine(Line<LINE_MAX>);
-
-impl PacketLine {
-    /// The bytes to send.
-    pub fn as_bytes(&self) -> &[u8] {
-        self.0.as_bytes()
-    }
-}
+pub type PacketLine = Line<LINE_MAX>;
 
 impl Packet {
     /// As text, with its carriage return.
@@ -448,7 +404,7 @@ impl Packet {
         line.push(self.letter());
         self.each_number(|value| line.numbers(&[value]));
         line.push(b'\r');
-        PacketLine(line)
+        line
     }
 
     /// As raw output: 255, the letter and the numbers as bytes. A number of 255 becomes 254.
@@ -456,7 +412,7 @@ impl Packet {
         let mut line = Line::EMPTY;
         line.text(&[0xFF, self.letter()]);
         self.each_number(|value| line.push(value.min(254)));
-        PacketLine(line)
+        line
     }
 
     /// Returns true if a stream of this kind carries such a packet.
@@ -481,7 +437,7 @@ impl Packet {
     fn each_number(&self, write: impl FnMut(u8)) {
         match self {
             Self::Tracking(packet) => packet.numbers().for_each(write),
-            Self::Statistics(packet) => packet.numbers().for_each(write),
+            Self::Statistics(packet) => packet.fields.sent().for_each(write),
             #[cfg(feature = "full")]
             Self::Histogram(packet) => packet.bins().iter().copied().for_each(write),
         }
@@ -519,7 +475,7 @@ impl FirmwareVersion {
             line.text(b" c");
             line.number(module);
         }
-        Banner(line)
+        line
     }
 }
 
@@ -527,12 +483,4 @@ impl FirmwareVersion {
 pub(crate) const BANNER: &[u8; 9] = b"CMUcam2 v";
 
 /// A banner as it goes over the line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Banner(Line<24>);
-
-impl Banner {
-    /// The bytes to send.
-    pub fn as_bytes(&self) -> &[u8] {
-        self.0.as_bytes()
-    }
-}
+pub type Banner = Line<24>;

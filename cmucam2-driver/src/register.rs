@@ -46,19 +46,7 @@ impl Register {
 
     /// The clock divider for a frame rate.
     pub const fn frame_rate(rate: FrameRate) -> RegisterValue {
-        let divider = match rate {
-            FrameRate::Fps50 => 0,
-            FrameRate::Fps26 => 1,
-            FrameRate::Fps17 => 2,
-            FrameRate::Fps13 => 3,
-            FrameRate::Fps11 => 4,
-            FrameRate::Fps9 => 5,
-            FrameRate::Fps8 => 6,
-            FrameRate::Fps7 => 7,
-            FrameRate::Fps6 => 8,
-            FrameRate::Fps5 => 10,
-        };
-        Self::CLOCK.with(divider)
+        Self::CLOCK.with(rate as u8)
     }
 }
 
@@ -88,21 +76,21 @@ pub enum ColourMode {
     YCrCb,
 }
 
-/// Frames a second that the sensor delivers.
+/// Frames a second that the sensor delivers, and the clock divider of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(missing_docs, reason = "the names are the frame rates")]
 pub enum FrameRate {
-    Fps50,
-    Fps26,
-    Fps17,
-    Fps13,
-    Fps11,
-    Fps9,
-    Fps8,
-    Fps7,
-    Fps6,
-    Fps5,
+    Fps50 = 0,
+    Fps26 = 1,
+    Fps17 = 2,
+    Fps13 = 3,
+    Fps11 = 4,
+    Fps9 = 5,
+    Fps8 = 6,
+    Fps7 = 7,
+    Fps6 = 8,
+    Fps5 = 10,
 }
 
 /// The most pairs that one `CR` command carries: CMU's CMUcam2-compatible program for the CMUcam3
@@ -128,8 +116,10 @@ impl Registers {
     /// More than [`PAIRS_MAX`] pairs.
     pub fn new(values: &[RegisterValue]) -> Result<Self, ArgumentError> {
         let mut all = Self::DEFAULTS;
-        for &value in values {
-            all.push(value)?;
+        for value in values {
+            let free = all.pairs.get_mut(usize::from(all.len));
+            *free.ok_or(ArgumentError::Registers)? = value.bytes();
+            all.len += 1;
         }
         Ok(all)
     }
@@ -149,34 +139,7 @@ impl Registers {
         Self { pairs, len: 2 }
     }
 
-    /// Adds one more.
-    ///
-    /// # Errors
-    /// There are [`PAIRS_MAX`] already.
-    pub fn push(&mut self, value: RegisterValue) -> Result<(), ArgumentError> {
-        let free = self
-            .pairs
-            .get_mut(usize::from(self.len))
-            .ok_or(ArgumentError::Registers)?;
-        *free = value.bytes();
-        self.len += 1;
-        Ok(())
-    }
-
-    /// Returns true if there is none, which resets all registers to their defaults.
-    pub const fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// The pairs in the order in which they are written.
-    pub fn iter(&self) -> impl Iterator<Item = RegisterValue> + '_ {
-        self.pairs
-            .iter()
-            .take(usize::from(self.len))
-            .map(|&[register, value]| Register(register).with(value))
-    }
-
-    /// The same as the arguments of `CR`.
+    /// The arguments of `CR`.
     pub(crate) fn numbers(&self) -> &[u8] {
         self.pairs
             .get(..usize::from(self.len))

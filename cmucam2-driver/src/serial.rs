@@ -115,49 +115,24 @@ impl<S: serial::Write> embedded_io::Write for Peek<S> {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use embedded_hal_mock::eh1::serial::{Mock, Transaction};
     use embedded_io::{Read, ReadReady, Write};
 
     use super::*;
 
-    /// Has a byte at every second try, then an overrun.
-    struct Slow {
-        tries: u8,
-        sent: u8,
-    }
-
-    impl serial::ErrorType for Slow {
-        type Error = ErrorKind;
-    }
-
-    impl serial::Read for Slow {
-        fn read(&mut self) -> nb::Result<u8, ErrorKind> {
-            self.tries += 1;
-            match self.tries {
-                7.. => Err(nb::Error::Other(ErrorKind::Overrun)),
-                tries if tries % 2 == 0 => Ok(tries),
-                _ => Err(nb::Error::WouldBlock),
-            }
-        }
-    }
-
-    impl serial::Write for Slow {
-        fn write(&mut self, byte: u8) -> nb::Result<(), ErrorKind> {
-            self.tries += 1;
-            if self.tries % 2 == 1 {
-                return Err(nb::Error::WouldBlock);
-            }
-            self.sent += byte;
-            Ok(())
-        }
-
-        fn flush(&mut self) -> nb::Result<(), ErrorKind> {
-            Ok(())
-        }
-    }
-
     #[test]
     fn a_peeked_byte_is_read_once() {
-        let mut port = Peek::new(Slow { tries: 0, sent: 0 });
+        let overrun = || Transaction::read_error(nb::Error::Other(ErrorKind::Overrun));
+        let some = |byte| {
+            let nothing = Transaction::read_error(nb::Error::WouldBlock);
+            [nothing, Transaction::read(byte)]
+        };
+        let script = [some(2), some(4), some(6), [overrun(), overrun()]];
+        let mut port = Peek::new(Mock::new(script.as_flattened()));
         let mut buffer = [0; 4];
         assert_eq!(port.read_ready(), Ok(false));
         assert_eq!(port.read_ready(), Ok(true));
@@ -172,14 +147,21 @@ mod tests {
         let overrun = SerialError(ErrorKind::Overrun);
         assert_eq!(port.read_ready(), Err(overrun));
         assert_eq!(port.read(&mut buffer), Err(overrun));
-        assert_eq!(port.release().tries, 8);
+        port.release().done();
     }
 
     #[test]
     fn all_is_sent() {
-        let mut port = Peek::new(Slow { tries: 0, sent: 0 });
+        let full = |byte| Transaction::write_error(byte, nb::Error::WouldBlock);
+        let sent = [1, 2, 3].map(|byte| [full(byte), Transaction::write(byte)]);
+        let script: Vec<_> = sent
+            .into_iter()
+            .flatten()
+            .chain([Transaction::flush()])
+            .collect();
+        let mut port = Peek::new(Mock::new(&script));
         assert_eq!(port.write(&[1, 2, 3]), Ok(3));
         assert_eq!(port.flush(), Ok(()));
-        assert_eq!(port.release().sent, 6);
+        port.release().done();
     }
 }

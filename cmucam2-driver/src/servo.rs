@@ -64,6 +64,9 @@ impl ServoPosition {
 pub struct ServoMask(u8);
 
 impl ServoMask {
+    /// Neither control nor reports.
+    pub const NONE: Self = Self(0);
+
     /// # Errors
     /// A bit above the fourth.
     pub const fn new(bits: u8) -> Result<Self, ArgumentError> {
@@ -91,16 +94,6 @@ impl ServoMask {
     /// The number as `SM` takes it.
     pub const fn bits(self) -> u8 {
         self.0
-    }
-
-    /// Returns true if the camera turns the pan servo towards the target by itself.
-    pub const fn controls_pan(self) -> bool {
-        self.0 & 1 != 0
-    }
-
-    /// Returns true if the camera turns the tilt servo towards the target by itself.
-    pub const fn controls_tilt(self) -> bool {
-        self.0 & 2 != 0
     }
 
     /// Returns true if colour-tracking packets end with the pan position.
@@ -135,4 +128,11 @@ pub struct ServoParameters {
     pub pan: ServoAxis,
     /// Up and down, servo 1.
     pub tilt: ServoAxis,
+}
+
+impl ServoParameters {
+    pub(crate) const fn numbers(self) -> [u8; 6] {
+        let Self { pan, tilt } = self;
+        [pan.far, pan.near, pan.step, tilt.far, tilt.near, tilt.step]
+    }
 }

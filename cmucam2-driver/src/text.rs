@@ -1,11 +1,11 @@
 //! Decimal text in fixed buffers.
 
-/// A line of at most `N` bytes under construction.
+/// A line of at most `N` bytes, ready to be sent or under construction.
 ///
 /// Every line of this protocol has a known longest form and `N` is chosen for it, so nothing is
-/// ever cut; if it were, [`Line::push`] drops the byte rather than panicking.
+/// ever cut; if it were, `push` drops the byte rather than panicking.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Line<const N: usize> {
+pub struct Line<const N: usize> {
     bytes: [u8; N],
     len: u8,
 }
@@ -47,7 +47,8 @@ impl<const N: usize> Line<N> {
         }
     }
 
-    pub(crate) fn as_bytes(&self) -> &[u8] {
+    /// The bytes to send.
+    pub fn as_bytes(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&[])
     }
 }

@@ -27,114 +27,170 @@ const ARGUMENTS_MAX: usize = 2 * PAIRS_MAX;
 /// return.
 const LINE_MAX: usize = 2 + 4 * ARGUMENTS_MAX + 1;
 
-/// Every command of the camera. Its letters are in its description.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum Command {
+/// Declares the commands: of each its description, its arguments, and the bytes, reply and effect that it is made of.
+macro_rules! commands {
+    ($(
+        #[doc = $text:literal]
+        $name:ident
+        $(($($value:ident: $type:ty),+))?
+        $({$(#[doc = $of:literal] $field:ident: $field_type:ty,)+})?
+        => $order:expr;
+    )+) => {
+        /// Every command of the camera. Its letters are in its description.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[non_exhaustive]
+        pub enum Command {
+            $(
+                #[doc = $text]
+                $name $(($($type),+))? $({$(#[doc = $of] $field: $field_type,)+})?,
+            )+
+        }
+
+        impl Command {
+            /// The same without its name, for the dialogue.
+            #[inline(always)] // for less flash: of a command that is known where it is sent, nothing else is linked.
+            pub fn order(&self) -> Order {
+                match *self {
+                    $(Self::$name $(($($value),+))? $({$($field),+})? => $order,)+
+                }
+            }
+        }
+    };
+}
+
+commands! {
     /// A bare carriage return: stops a stream, or shows that the camera is there.
-    Idle,
+    Idle => Order::IDLE;
     /// `BM`: hold one frame until [`Command::ReadFrame`], so that several commands see the same.
-    BufferMode(bool),
+    BufferMode(on: bool) => switch(Mode::Buffer, on);
     /// `CP`: power of the sensor module.
-    CameraPower(bool),
+    CameraPower(on: bool) => switch(Mode::Power, on);
     /// `CR`: write sensor registers, or reset them all when there is none.
-    Registers(Registers),
+    Registers(registers: Registers) => Order::bare(b"CR", Reply::Nothing, Effect::Registers).with(registers.numbers());
     /// `CT`: the mounted sensor.
-    CameraType(Sensor),
+    CameraType(sensor: Sensor) => switch(Mode::CameraType, sensor == Sensor::Ov7620);
     /// `DC`: the channel that frame differencing looks at.
-    DifferenceChannel(ColourChannel),
+    DifferenceChannel(channel: ColourChannel) => set(Mode::DifferenceChannel, &[channel.number()]);
     /// `DM`: delay between two characters, bit times.
-    CharacterDelay(u8),
+    CharacterDelay(delay: u8) => set(Mode::CharacterDelay, &[delay]);
     /// `DS`: count only every so many columns and rows.
-    DownSample(DownSampling),
+    DownSample(sampling: DownSampling) => set(Mode::DownSampling, &[sampling.x(), sampling.y()]);
     /// `FD`: track blocks that differ by more than this threshold from the reference frame.
-    FrameDifference(u8),
+    FrameDifference(threshold: u8) => ask(b"FD", Reply::Packets(PacketKind::Difference)).with(&[threshold]);
     /// `FS`: [`Command::SendFrame`] goes on with further frames.
-    FrameStream(bool),
+    FrameStream(on: bool) => switch(Mode::FrameStream, on);
     /// `GB`: asks whether the button was pressed since the last time.
-    GetButton,
+    GetButton => ask(b"GB", Reply::Values(1));
     /// `GH`: histogram of a channel.
-    GetHistogram(ColourChannel),
+    GetHistogram(channel: ColourChannel) => ask(b"GH", Reply::Packets(PacketKind::Histogram)).with(&[channel.number()]);
     /// `GI`: the four auxiliary inputs.
-    GetInputs,
+    GetInputs => ask(b"GI", Reply::Values(1));
     /// `GM`: mean colour and deviation of the window.
-    GetMean,
+    GetMean => ask(b"GM", Reply::Packets(PacketKind::Statistics));
     /// `GS`: position of a servo.
-    GetServo(Servo),
+    GetServo(servo: Servo) => ask(b"GS", Reply::Values(1)).with(&[servo.number()]);
     /// `GT`: the bounds in use.
-    GetTrackingBounds,
+    GetTrackingBounds => ask(b"GT", Reply::Values(6));
     /// `GV`: firmware version.
-    GetVersion,
+    GetVersion => ask(b"GV", Reply::Banner);
     /// `GW`: the window in use.
-    GetWindow,
+    GetWindow => ask(b"GW", Reply::Values(4));
     /// `HC`: bins and scale of the histogram, as numbers of the firmware.
     HistogramConfiguration {
         /// Selects the number of bins.
         bins: u8,
         /// Selects the scale of the counts.
         scale: u8,
-    },
+    } => set(Mode::Histogram, &[bins, scale]);
     /// `HD`: frame differencing on a grid of 16 x 16 instead of 8 x 8.
-    HighResolutionDifference(bool),
+    HighResolutionDifference(on: bool) => switch(Mode::DifferenceGrid, on);
     /// `HR`: 176 x 255 instead of 88 x 143 (OV6620 only).
-    HighResolution(bool),
+    HighResolution(on: bool) => switch(Mode::HighResolution, on);
     /// `HT`: histogram of tracked pixels only.
-    HistogramTracked(bool),
+    HistogramTracked(on: bool) => switch(Mode::HistogramTracked, on);
     /// `L0`: mode of LED 0.
-    Led0(LedMode),
+    Led0(led: LedMode) => set(Mode::Led0, &[led as u8]);
     /// `L1`: mode of LED 1.
-    Led1(LedMode),
+    Led1(led: LedMode) => set(Mode::Led1, &[led as u8]);
     /// `LF`: take the reference frame of frame differencing.
-    LoadFrame,
+    LoadFrame => ask(b"LF", Reply::Nothing);
     /// `LM`: binary row data before each packet.
-    LineMode(LineMode),
+    LineMode(lines: LineMode) => set(lines.mode(), &lines.numbers());
     /// `MD`: from now on ignore the blocks that differ by more than this threshold.
-    MaskDifference(u8),
+    MaskDifference(threshold: u8) => ask(b"MD", Reply::Nothing).with(&[threshold]);
     /// `NF`: number of consecutive pixels that it takes to count.
-    NoiseFilter(u8),
+    NoiseFilter(pixels: u8) => set(Mode::NoiseFilter, &[pixels]);
     /// `OM`: the fields that packets carry.
-    OutputMask(OutputMask),
+    OutputMask(mask: OutputMask) => set(mask.mode(), &mask.numbers());
     /// `PD`: process differences of neighbouring pixels, so vertical edges, instead of colours.
-    PixelDifference(bool),
+    PixelDifference(on: bool) => switch(Mode::PixelDifference, on);
     /// `PF`: after the target is lost send only the first empty packet.
-    PacketFilter(bool),
+    PacketFilter(on: bool) => switch(Mode::PacketFilter, on);
     /// `PM`: one packet for each command, then the prompt.
-    PollMode(bool),
+    PollMode(on: bool) => switch(Mode::Poll, on);
     /// `PS`: packets skipped between two that are sent.
-    PacketSkip(u8),
+    PacketSkip(packets: u8) => set(Mode::PacketSkip, &[packets]);
     /// `RF`: read a new frame into the buffer.
-    ReadFrame,
+    ReadFrame => ask(b"RF", Reply::Nothing);
     /// `RM`: binary packets and other shortcuts.
-    RawMode(RawMode),
+    RawMode(raw: RawMode) => set(Mode::Raw, &[raw.bits()]);
     /// `RS`: reset.
-    Reset,
+    Reset => Order::RESET;
     /// `SD`: deep sleep.
-    DeepSleep,
+    DeepSleep => ask(b"SD", Reply::Sleep);
     /// `SF`: send a frame, of one channel or all three.
-    SendFrame(Option<ColourChannel>),
+    SendFrame(channel: Option<ColourChannel>) => match channel {
+        None => ask(b"SF", Reply::Frame),
+        Some(channel) => ask(b"SF", Reply::Frame).with(&[channel.number()]),
+    };
     /// `SL`: sleep.
-    Sleep,
+    Sleep => ask(b"SL", Reply::Sleep);
     /// `SM`: control and reports of pan and tilt.
-    ServoMask(ServoMask),
+    ServoMask(mask: ServoMask) => set(Mode::ServoMask, &[mask.bits()]);
     /// `SO`: a servo pin as a digital output.
-    ServoOutput(Servo, bool),
+    ServoOutput(servo: Servo, high: bool) => Order::bare(b"SO", Reply::Nothing, Effect::Mode(Mode::servo(servo.number())))
+        .with(&[servo.number(), u8::from(high)]);
     /// `SP`: parameters by which pan and tilt follow the target.
-    ServoParameters(ServoParameters),
+    ServoParameters(axes: ServoParameters) => set(Mode::ServoParameters, &axes.numbers());
     /// `SV`: move a servo.
-    ServoPosition(Servo, ServoPosition),
+    ServoPosition(servo: Servo, position: ServoPosition) => set(Mode::servo(servo.number()), &[servo.number(), position.get()]);
     /// `ST`: set the bounds without tracking.
-    SetBounds(ColourBounds),
+    SetBounds(bounds: ColourBounds) => Order::set_bounds(&bounds.values());
     /// `TC`: track these bounds, or those in use.
-    TrackColour(Option<ColourBounds>),
+    TrackColour(bounds: Option<ColourBounds>) => match bounds {
+        None => Order::TRACK_AGAIN,
+        Some(bounds) => Order::TRACK_AGAIN.with(&bounds.values()),
+    };
     /// `TI`: track pixels outside the bounds.
-    TrackInvert(bool),
+    TrackInvert(on: bool) => switch(Mode::Invert, on);
     /// `TW`: learn the colour in the middle of the window and track it.
-    TrackWindow,
+    TrackWindow => Order::bare(b"TW", Reply::Packets(PacketKind::Tracking), Effect::OwnBounds);
     /// `UD`: 64 raw bytes follow, the reference of frame differencing.
-    UploadDifference,
+    UploadDifference => ask(b"UD", Reply::Upload);
     /// `VW`: process only this part of the frame, or all of it.
-    VirtualWindow(Option<Window>),
+    VirtualWindow(window: Option<Window>) => match window {
+        None => set(Mode::Window, &[]),
+        Some(window) => set(Mode::Window, &window.corners()),
+    };
+}
+
+/// A command that sets a mode.
+#[inline(always)] // for less flash
+fn set(mode: Mode, arguments: &[u8]) -> Order {
+    Order::mode(mode, arguments)
+}
+
+/// A mode that is on or off.
+#[inline(always)] // for less flash
+fn switch(mode: Mode, on: bool) -> Order {
+    Order::mode(mode, &[u8::from(on)])
+}
+
+/// A command without a lasting effect.
+#[inline(always)] // for less flash
+const fn ask(letters: &[u8; 2], reply: Reply) -> Order {
+    Order::bare(letters, reply, Effect::Nothing)
 }
 
 /// Answer of the camera to a command that it accepts. `ACK` comes first unless said otherwise.
@@ -159,15 +215,7 @@ pub enum Reply {
 }
 
 /// A command as it goes over the line, with its carriage return.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CommandLine(Line<LINE_MAX>);
-
-impl CommandLine {
-    /// The bytes to send.
-    pub fn as_bytes(&self) -> &[u8] {
-        self.0.as_bytes()
-    }
-}
+pub type CommandLine = Line<LINE_MAX>;
 
 impl From<Command> for Order {
     #[inline(always)]
@@ -180,101 +228,6 @@ impl Command {
     /// The line of this command.
     pub fn line(&self) -> CommandLine {
         self.order().line()
-    }
-
-    /// The same without its name, for the dialogue.
-    #[inline(always)] // for less flash: of a command that is known where it is sent, nothing else is linked.
-    pub fn order(&self) -> Order {
-        let mode = Order::mode;
-        let switch = |mode, on| Order::mode(mode, &[u8::from(on)]);
-        let ask = |letters, reply| Order::bare(letters, reply, Effect::Nothing);
-        match *self {
-            Self::Idle => Order::IDLE,
-            Self::BufferMode(on) => switch(Mode::Buffer, on),
-            Self::CameraPower(on) => switch(Mode::Power, on),
-            Self::Registers(registers) => {
-                Order::bare(b"CR", Reply::Nothing, Effect::Registers).with(registers.numbers())
-            }
-            Self::CameraType(sensor) => switch(Mode::CameraType, sensor == Sensor::Ov7620),
-            Self::DifferenceChannel(channel) => mode(Mode::DifferenceChannel, &[channel.number()]),
-            Self::CharacterDelay(delay) => mode(Mode::CharacterDelay, &[delay]),
-            Self::DownSample(sampling) => mode(Mode::DownSampling, &[sampling.x(), sampling.y()]),
-            Self::FrameDifference(threshold) => {
-                ask(b"FD", Reply::Packets(PacketKind::Difference)).with(&[threshold])
-            }
-            Self::FrameStream(on) => switch(Mode::FrameStream, on),
-            Self::GetButton => ask(b"GB", Reply::Values(1)),
-            Self::GetHistogram(channel) => {
-                ask(b"GH", Reply::Packets(PacketKind::Histogram)).with(&[channel.number()])
-            }
-            Self::GetInputs => ask(b"GI", Reply::Values(1)),
-            Self::GetMean => ask(b"GM", Reply::Packets(PacketKind::Statistics)),
-            Self::GetServo(servo) => ask(b"GS", Reply::Values(1)).with(&[servo.number()]),
-            Self::GetTrackingBounds => ask(b"GT", Reply::Values(6)),
-            Self::GetVersion => ask(b"GV", Reply::Banner),
-            Self::GetWindow => ask(b"GW", Reply::Values(4)),
-            Self::HistogramConfiguration { bins, scale } => mode(Mode::Histogram, &[bins, scale]),
-            Self::HighResolutionDifference(on) => switch(Mode::DifferenceGrid, on),
-            Self::HighResolution(on) => switch(Mode::HighResolution, on),
-            Self::HistogramTracked(on) => switch(Mode::HistogramTracked, on),
-            Self::Led0(led) => mode(Mode::Led0, &[led.number()]),
-            Self::Led1(led) => mode(Mode::Led1, &[led.number()]),
-            Self::LoadFrame => ask(b"LF", Reply::Nothing),
-            Self::LineMode(lines) => mode(
-                match lines {
-                    LineMode::Tracking(_) => Mode::TrackingLines,
-                    LineMode::Statistics(_) => Mode::StatisticsLines,
-                },
-                &lines.numbers(),
-            ),
-            Self::MaskDifference(threshold) => ask(b"MD", Reply::Nothing).with(&[threshold]),
-            Self::NoiseFilter(pixels) => mode(Mode::NoiseFilter, &[pixels]),
-            Self::OutputMask(mask) => mode(
-                match mask {
-                    OutputMask::Tracking(_) => Mode::TrackingMask,
-                    OutputMask::Statistics(_) => Mode::StatisticsMask,
-                },
-                &mask.numbers(),
-            ),
-            Self::PixelDifference(on) => switch(Mode::PixelDifference, on),
-            Self::PacketFilter(on) => switch(Mode::PacketFilter, on),
-            Self::PollMode(on) => switch(Mode::Poll, on),
-            Self::PacketSkip(packets) => mode(Mode::PacketSkip, &[packets]),
-            Self::ReadFrame => ask(b"RF", Reply::Nothing),
-            Self::RawMode(raw) => mode(Mode::Raw, &[raw.bits()]),
-            Self::Reset => Order::RESET,
-            Self::DeepSleep => ask(b"SD", Reply::Sleep),
-            Self::SendFrame(None) => ask(b"SF", Reply::Frame),
-            Self::SendFrame(Some(channel)) => ask(b"SF", Reply::Frame).with(&[channel.number()]),
-            Self::Sleep => ask(b"SL", Reply::Sleep),
-            Self::ServoMask(mask) => mode(Mode::ServoMask, &[mask.bits()]),
-            Self::ServoOutput(servo, high) => Order::bare(
-                b"SO",
-                Reply::Nothing,
-                Effect::Mode(Mode::servo(servo.number())),
-            )
-            .with(&[servo.number(), u8::from(high)]),
-            Self::ServoParameters(ServoParameters { pan, tilt }) => mode(
-                Mode::ServoParameters,
-                &[pan.far, pan.near, pan.step, tilt.far, tilt.near, tilt.step],
-            ),
-            Self::ServoPosition(servo, position) => mode(
-                Mode::servo(servo.number()),
-                &[servo.number(), position.get()],
-            ),
-            Self::SetBounds(bounds) => Order::set_bounds(&bounds.values()),
-            Self::TrackColour(None) => Order::TRACK_AGAIN,
-            Self::TrackColour(Some(bounds)) => Order::TRACK_AGAIN.with(&bounds.values()),
-            Self::TrackInvert(on) => switch(Mode::Invert, on),
-            Self::TrackWindow => Order::bare(
-                b"TW",
-                Reply::Packets(PacketKind::Tracking),
-                Effect::OwnBounds,
-            ),
-            Self::UploadDifference => ask(b"UD", Reply::Upload),
-            Self::VirtualWindow(None) => mode(Mode::Window, &[]),
-            Self::VirtualWindow(Some(window)) => mode(Mode::Window, &window.corners()),
-        }
     }
 
     /// The reply that comes back.

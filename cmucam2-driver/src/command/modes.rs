@@ -1,5 +1,6 @@
 //! Arguments that select a mode.
 
+use super::Mode;
 use crate::argument::ArgumentError;
 
 /// Mode of a LED.
@@ -12,16 +13,6 @@ pub enum LedMode {
     On,
     /// Argument 2, the default: the camera shows tracking with it.
     Auto,
-}
-
-impl LedMode {
-    pub(crate) const fn number(self) -> u8 {
-        match self {
-            Self::Off => 0,
-            Self::On => 1,
-            Self::Auto => 2,
-        }
-    }
 }
 
 /// Row data before each colour-tracking packet.
@@ -61,14 +52,17 @@ pub enum LineMode {
 }
 
 impl LineMode {
-    pub(crate) const fn numbers(self) -> [u8; 2] {
+    pub(super) const fn mode(self) -> Mode {
         match self {
-            Self::Tracking(TrackingLines::Off) => [0, 0],
-            Self::Tracking(TrackingLines::Bitmap) => [0, 1],
-            Self::Tracking(TrackingLines::Rows) => [0, 2],
-            Self::Statistics(StatisticsLines::Off) => [1, 0],
-            Self::Statistics(StatisticsLines::Means) => [1, 1],
-            Self::Statistics(StatisticsLines::MeansAndDeviations) => [1, 2],
+            Self::Tracking(_) => Mode::TrackingLines,
+            Self::Statistics(_) => Mode::StatisticsLines,
+        }
+    }
+
+    pub(super) const fn numbers(self) -> [u8; 2] {
+        match self {
+            Self::Tracking(lines) => [0, lines as u8],
+            Self::Statistics(lines) => [1, lines as u8],
         }
     }
 }
@@ -109,7 +103,14 @@ impl StatisticsMask {
 }
 
 impl OutputMask {
-    pub(crate) const fn numbers(self) -> [u8; 2] {
+    pub(super) const fn mode(self) -> Mode {
+        match self {
+            Self::Tracking(_) => Mode::TrackingMask,
+            Self::Statistics(_) => Mode::StatisticsMask,
+        }
+    }
+
+    pub(super) const fn numbers(self) -> [u8; 2] {
         match self {
             Self::Tracking(mask) => [0, mask],
             Self::Statistics(mask) => [1, mask.0],

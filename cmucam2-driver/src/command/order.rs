@@ -34,83 +34,62 @@ pub(crate) enum Effect {
     Reset,
 }
 
-/// Settings, except registers and bounds, in the order in which a camera that has lost everything is told
-/// them again: those that define the frame come first, because windows count in its pixels; the sensor may
-/// only be switched off when all else is set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) enum Mode {
-    CameraType,
-    HighResolution,
-    DownSampling,
-    Window,
-    Buffer,
-    DifferenceChannel,
-    CharacterDelay,
-    DifferenceGrid,
-    Histogram,
-    HistogramTracked,
-    FrameStream,
-    Led0,
-    Led1,
-    TrackingLines,
-    StatisticsLines,
-    NoiseFilter,
-    TrackingMask,
-    StatisticsMask,
-    PixelDifference,
-    PacketFilter,
-    Poll,
-    PacketSkip,
-    ServoParameters,
-    ServoMask,
-    Servo0,
-    Servo1,
-    Servo2,
-    Servo3,
-    Servo4,
-    Invert,
-    Power,
-    Raw,
+/// Declares the modes: of each its name, and the letters and number of arguments of its command.
+macro_rules! modes {
+    ($(#[$attribute:meta])* $($name:ident $letters:literal $arguments:literal,)+) => {
+        $(#[$attribute])*
+        pub(crate) enum Mode {
+            $($name,)+
+        }
+
+        impl Mode {
+            /// Letters and number of arguments of the command of each.
+            pub(crate) const COMMANDS: [([u8; 2], u8); 32] = [$((*$letters, $arguments),)+];
+        }
+    };
+}
+
+modes! {
+    /// Settings, except registers and bounds, in the order in which a camera that has lost everything is told
+    /// them again: those that define the frame come first, because windows count in its pixels; the sensor may
+    /// only be switched off when all else is set.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    CameraType b"CT" 1,
+    HighResolution b"HR" 1,
+    DownSampling b"DS" 2,
+    Window b"VW" 4,
+    Buffer b"BM" 1,
+    DifferenceChannel b"DC" 1,
+    CharacterDelay b"DM" 1,
+    DifferenceGrid b"HD" 1,
+    Histogram b"HC" 2,
+    HistogramTracked b"HT" 1,
+    FrameStream b"FS" 1,
+    Led0 b"L0" 1,
+    Led1 b"L1" 1,
+    TrackingLines b"LM" 2,
+    StatisticsLines b"LM" 2,
+    NoiseFilter b"NF" 1,
+    TrackingMask b"OM" 2,
+    StatisticsMask b"OM" 2,
+    PixelDifference b"PD" 1,
+    PacketFilter b"PF" 1,
+    Poll b"PM" 1,
+    PacketSkip b"PS" 1,
+    ServoParameters b"SP" 6,
+    ServoMask b"SM" 1,
+    Servo0 b"SV" 2,
+    Servo1 b"SV" 2,
+    Servo2 b"SV" 2,
+    Servo3 b"SV" 2,
+    Servo4 b"SV" 2,
+    Invert b"TI" 1,
+    Power b"CP" 1,
+    Raw b"RM" 1,
 }
 
 impl Mode {
-    /// Letters and number of arguments of the command of each.
-    pub(crate) const COMMANDS: [([u8; 2], u8); 32] = [
-        (*b"CT", 1),
-        (*b"HR", 1),
-        (*b"DS", 2),
-        (*b"VW", 4),
-        (*b"BM", 1),
-        (*b"DC", 1),
-        (*b"DM", 1),
-        (*b"HD", 1),
-        (*b"HC", 2),
-        (*b"HT", 1),
-        (*b"FS", 1),
-        (*b"L0", 1),
-        (*b"L1", 1),
-        (*b"LM", 2),
-        (*b"LM", 2),
-        (*b"NF", 1),
-        (*b"OM", 2),
-        (*b"OM", 2),
-        (*b"PD", 1),
-        (*b"PF", 1),
-        (*b"PM", 1),
-        (*b"PS", 1),
-        (*b"SP", 6),
-        (*b"SM", 1),
-        (*b"SV", 2),
-        (*b"SV", 2),
-        (*b"SV", 2),
-        (*b"SV", 2),
-        (*b"SV", 2),
-        (*b"TI", 1),
-        (*b"CP", 1),
-        (*b"RM", 1),
-    ];
-
     /// That of a servo's pin.
     pub(super) const fn servo(number: u8) -> Self {
         match number {
@@ -189,7 +168,7 @@ impl Order {
         }
         line.numbers(self.arguments());
         line.push(b'\r');
-        CommandLine(line)
+        line
     }
 
     /// Its name; spaces for a bare carriage return.

@@ -39,8 +39,6 @@ use core::{
     task::Poll,
 };
 
-#[cfg(feature = "full")]
-pub use full::Part;
 pub use time::{SummedDelays, TimeSource};
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};

@@ -32,16 +32,6 @@ pub(super) enum Reason {
 }
 
 impl DroppedBytes {
-    pub(super) const NOTHING: Self = Self {
-        bytes: 0,
-        noise: 0,
-        malformed: 0,
-        cut: 0,
-        fields: 0,
-        impossible: 0,
-        images: 0,
-    };
-
     pub(super) fn count(&mut self, reason: Reason) {
         let counter = match reason {
             Reason::Noise => &mut self.noise,

@@ -1,9 +1,8 @@
 //! Binary rows: frames and line modes.
 
-use super::{Expectation, ImageExpectation, Token};
+use super::{Expectation, Token};
 use crate::{
     colour::{LEVEL_MAX, LEVEL_MIN},
-    command::{StatisticsLines, TrackingLines},
     packet::BANNER,
     uncertain,
 };
@@ -18,9 +17,9 @@ pub enum ImageKind {
     Bitmap,
     /// `FE h`, five bytes for each row (mean, least and greatest column, count, confidence), `FD`.
     Rows,
-    /// `FE`, perhaps the number of rows, three (means) or six (means and deviations) bytes for each
-    /// row, `FD`.
-    Means,
+    /// `FE`, perhaps the number of rows, so many bytes for each row, three (means) or six (means and deviations),
+    /// `FD`.
+    Means(u8),
 }
 
 /// The beginning of an image.
@@ -56,15 +55,8 @@ fn is_level(byte: u8) -> bool {
 pub(super) enum Step {
     Nothing,
     Token(Token),
-    /// The byte ended the image.
-    End {
-        rows: u16,
-        intact: bool,
-    },
     /// The image ended although its mark is missing; the byte belongs to the next token.
-    EndBefore {
-        rows: u16,
-    },
+    EndBefore(Token),
     /// This is no image.
     Refuse,
     /// The camera restarted within the image: its banner has come as far as the version.
@@ -133,28 +125,17 @@ impl Image {
         expectation: &Expectation,
         counted: Option<bool>,
     ) -> Option<Self> {
-        let (kind, place, row_bytes) = match (byte, expectation.image) {
-            (FRAME_LEAD, ImageExpectation::Frame(bytes)) => {
-                (ImageKind::Frame(bytes), Place::Width, 0)
-            }
-            (BITMAP_MARK, ImageExpectation::Tracking(TrackingLines::Bitmap)) => {
-                (ImageKind::Bitmap, Place::Width, 0)
-            }
-            (LINES_LEAD, ImageExpectation::Tracking(TrackingLines::Rows)) => {
-                (ImageKind::Rows, Place::Height, 5)
-            }
-            (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::Means)) => {
-                (ImageKind::Means, Place::FirstMean, 3)
-            }
-            (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations)) => {
-                (ImageKind::Means, Place::FirstMean, 6)
-            }
-            _ => return None,
+        let kind = expectation.image?;
+        let (lead, place, row_bytes) = match kind {
+            ImageKind::Frame(_) => (FRAME_LEAD, Place::Width, 0),
+            ImageKind::Bitmap => (BITMAP_MARK, Place::Width, 0),
+            ImageKind::Rows => (LINES_LEAD, Place::Height, 5),
+            ImageKind::Means(bytes) => (LINES_LEAD, Place::FirstMean, bytes),
         };
-        Some(Self {
+        (byte == lead).then_some(Self {
             kind,
             place,
-            row_bytes,
+            row_bytes: row_bytes.into(),
             counted,
             ..Self::NONE
         })
@@ -185,7 +166,7 @@ impl Image {
             }
             Place::Row => match self.kind {
                 ImageKind::Frame(_) => self.frame(byte),
-                ImageKind::Means => self.means(byte),
+                ImageKind::Means(_) => self.means(byte),
                 ImageKind::Bitmap | ImageKind::Rows => self.counted(byte),
             },
             Place::RowFull => self.frame(byte),
@@ -211,14 +192,14 @@ impl Image {
         self.row_bytes = match self.kind {
             ImageKind::Frame(bytes) => u16::from(self.width) * u16::from(bytes),
             ImageKind::Bitmap => u16::from(self.width.div_ceil(8)),
-            ImageKind::Rows | ImageKind::Means => self.row_bytes,
+            ImageKind::Rows | ImageKind::Means(_) => self.row_bytes,
         };
         Step::Token(Token::Header(self.header()))
     }
 
     /// The header of an image that announces nothing, right after its lead.
     pub(super) fn header_without_sizes(&self) -> Option<ImageHeader> {
-        (self.kind == ImageKind::Means).then(|| self.header())
+        matches!(self.kind, ImageKind::Means(_)).then(|| self.header())
     }
 
     fn header(&self) -> ImageHeader {
@@ -228,6 +209,21 @@ impl Image {
             height: self.height,
             row_bytes: self.row_bytes,
         }
+    }
+
+    /// The end of the image. `as_announced`: nothing is missing.
+    fn over(&self, as_announced: bool) -> Token {
+        Token::ImageEnd {
+            rows: self.rows,
+            intact: self.intact && as_announced,
+        }
+    }
+
+    /// The bytes of the row so far were none. Returns their number.
+    fn give_up_row(&mut self) -> u16 {
+        self.intact = false;
+        self.row_intact = true;
+        core::mem::take(&mut self.at)
     }
 
     /// One byte of the row, known to have room.
@@ -258,24 +254,15 @@ impl Image {
                 if self.at == 0 {
                     return Step::Nothing;
                 }
-                let bytes = self.at;
-                self.at = 0;
                 self.rows += 1;
-                self.intact = false;
-                self.row_intact = true;
-                Step::Token(Token::RowCut(bytes))
+                Step::Token(Token::RowCut(self.give_up_row()))
             }
-            (FRAME_END, _) => Step::End {
-                rows: self.rows,
-                intact: self.intact && self.at == 0 && complete,
-            },
-            (_, _) if complete => Step::EndBefore { rows: self.rows },
+            (FRAME_END, _) => Step::Token(self.over(self.at == 0 && complete)),
+            (_, _) if complete => Step::EndBefore(self.over(false)),
             // What seemed to begin a row without a mark was a byte too many of the one before.
             (ROW_LEAD, _) if self.rows == 1 && self.at == 1 => {
                 self.marked = Some(true);
-                self.at = 0;
-                self.intact = false;
-                self.row_intact = true;
+                self.give_up_row();
                 Step::Token(Token::RowAgain)
             }
             (_, Place::RowFull) if self.marked == Some(true) || !is_level(byte) => {
@@ -312,16 +299,13 @@ impl Image {
             LINES_END
         };
         if byte != mark {
-            return Step::EndBefore { rows: self.rows };
+            return Step::EndBefore(self.over(false));
         }
         if missing > 1 {
             self.place = Place::End(missing - 1);
             return Step::Nothing;
         }
-        Step::End {
-            rows: self.rows,
-            intact: self.intact,
-        }
+        Step::Token(self.over(true))
     }
 
     /// Returns true if the number of rows comes first, as far as the images so far have shown.
@@ -344,13 +328,10 @@ impl Image {
     fn means(&mut self, byte: u8) -> Step {
         if byte == LINES_END {
             self.recount();
-            return Step::End {
-                rows: self.rows,
-                intact: self.intact && self.at == 0,
-            };
+            return Step::Token(self.over(self.at == 0));
         }
         if self.rows > u16::from(u8::MAX) {
-            return Step::EndBefore { rows: self.rows };
+            return Step::EndBefore(self.over(false));
         }
         self.pixel(byte, byte <= LEVEL_MAX)
     }

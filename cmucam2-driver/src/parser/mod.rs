@@ -22,17 +22,15 @@ mod expectation;
 mod image;
 
 pub use dropped::DroppedBytes;
-pub use expectation::{Expectation, ImageExpectation};
+pub use expectation::Expectation;
 pub use image::{ImageHeader, ImageKind, RowState};
 
 use crate::{
     command::StatisticsMask,
     features::FULL,
-    packet::{
-        BANNER, BINS_MAX, FirmwareVersion, Packet, PacketError, Statistics, Tracking,
-        TrackingFields,
-    },
+    packet::{BANNER, BINS_MAX, FirmwareVersion, Packet, PacketError, Statistics, Tracking},
     parser::{dropped::Reason, image::Image},
+    servo::ServoMask,
 };
 
 /// Something that the camera said.
@@ -159,7 +157,7 @@ impl Default for Parser {
 
 impl Parser {
     /// A parser at the beginning of a line.
-    pub const fn new(expectation: Expectation) -> Self {
+    pub fn new(expectation: Expectation) -> Self {
         Self {
             expectation,
             state: State::Start,
@@ -174,13 +172,13 @@ impl Parser {
                 module: None,
             },
             image: Image::NONE,
-            dropped: DroppedBytes::NOTHING,
+            dropped: DroppedBytes::default(),
         }
     }
 
     /// Takes the expected bytes from now on. An image that was begun goes on only if it is still expected.
     pub fn expect(&mut self, expectation: Expectation) {
-        if self.state == State::Image && self.expectation.image != expectation.image {
+        if self.is_in_image() && self.expectation.image != expectation.image {
             self.drop_held(Reason::Cut);
             self.state = State::Junk;
         }
@@ -199,7 +197,7 @@ impl Parser {
 
     /// Returns true if an image has begun and is not over: its rows may be far apart.
     pub(crate) fn is_in_image(&self) -> bool {
-        self.state == State::Image
+        FULL && self.state == State::Image
     }
 
     /// The line has been silent for longer than any pause within a line: a line that was begun will not go
@@ -428,14 +426,18 @@ impl Parser {
         let numbers = self.numbers.get(..usize::from(self.len)).unwrap_or(&[]);
         let expectation = &self.expectation;
         // Only packets that the features name can have been asked for.
-        let (tracking, statistics) = if FULL {
-            (expectation.tracking, expectation.statistics)
+        let (mask, servos, statistics) = if FULL {
+            (
+                expectation.tracking,
+                expectation.servos,
+                expectation.statistics,
+            )
         } else {
-            (TrackingFields::ALL, StatisticsMask::ALL)
+            (0xFF, ServoMask::NONE, StatisticsMask::ALL)
         };
         Ok(match kind {
             Kind::Tracking => {
-                let tracking = Tracking::from_fields(numbers, tracking, expectation.frame)?;
+                let tracking = Tracking::from_fields(numbers, mask, servos, expectation.frame)?;
                 if expectation.strict && !tracking.is_consistent() {
                     return Err(PacketError::Arithmetic);
                 }
@@ -548,7 +550,10 @@ impl Parser {
             return self.raw(Kind::Values, expectation.values, byte);
         }
         let (kind, count) = match byte {
-            b'T' => (Kind::Tracking, expectation.tracking.count()),
+            b'T' => (
+                Kind::Tracking,
+                Tracking::fields(expectation.tracking, expectation.servos),
+            ),
             b'S' => (
                 Kind::Statistics,
                 expectation.statistics.bits().count_ones() as u8,
@@ -579,30 +584,26 @@ impl Parser {
         let step = self.image.push(byte, &self.expectation);
         match step {
             image::Step::Token(event) => {
-                if let Token::Pixel(_, RowState::Damaged) | Token::RowCut(_) | Token::RowAgain =
-                    event
+                if let Token::Pixel(_, RowState::Damaged)
+                | Token::RowCut(_)
+                | Token::RowAgain
+                | Token::ImageEnd { intact: false, .. } = event
                 {
                     self.dropped.count(Reason::Image);
                 }
-                Some(event)
+                match event {
+                    Token::ImageEnd { .. } => self.deliver(event),
+                    _ => Some(event),
+                }
             }
             image::Step::Nothing => None,
-            image::Step::End { rows, intact } => {
-                if !intact {
-                    self.dropped.count(Reason::Image);
-                }
-                self.deliver(Token::ImageEnd { rows, intact })
-            }
-            image::Step::EndBefore { rows } => {
+            image::Step::EndBefore(end) => {
                 self.dropped.count(Reason::Image);
                 self.state = State::Junk;
                 self.held = 1;
                 // Whatever begins here goes on; the event that is due is the end of the image.
                 let _ = self.junk(byte);
-                Some(Token::ImageEnd {
-                    rows,
-                    intact: false,
-                })
+                Some(end)
             }
             image::Step::Refuse => {
                 self.held = self.held.wrapping_add(1);

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     command::{Effect, Order, Reply},
-    geometry::{Sensor, Size},
+    geometry::Sensor,
     log::{debug, warning},
     packet::{FirmwareVersion, Packet, PacketKind},
     parser::{Expectation, Token},
@@ -49,10 +49,10 @@ pub(super) enum Doing {
 #[derive(Clone, Debug)]
 pub(super) struct Dialogue {
     pub(super) port: Port,
-    policy: Policy,
-    modes: Modes,
+    pub(super) policy: Policy,
+    pub(super) modes: Modes,
     /// As named by the banner.
-    sensor: Option<Sensor>,
+    pub(super) sensor: Option<Sensor>,
     link: Link,
     /// The command that was sent last, and its purpose.
     exchange: Exchange,
@@ -84,22 +84,6 @@ impl Dialogue {
             restarts: 0,
             retries: 0,
         }
-    }
-
-    pub(super) fn modes(&self) -> &Modes {
-        &self.modes
-    }
-
-    pub(super) fn policy(&self) -> &Policy {
-        &self.policy
-    }
-
-    pub(super) fn frame(&self) -> Size {
-        self.modes.frame(self.sensor)
-    }
-
-    pub(super) fn payload_sent(&mut self, now: u64) {
-        self.port.payload_sent(now, &self.policy);
     }
 
     /// Begins a request.

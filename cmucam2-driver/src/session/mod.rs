@@ -85,17 +85,17 @@ impl Session {
 
     /// Settings, which will be set again after a restart of the camera.
     pub fn modes(&self) -> &Modes {
-        self.dialogue.modes()
+        &self.dialogue.modes
     }
 
     /// Time-outs and counts.
     pub fn policy(&self) -> &Policy {
-        self.dialogue.policy()
+        &self.dialogue.policy
     }
 
     /// The largest frame of the camera as it is set up now.
     pub fn frame(&self) -> Size {
-        self.dialogue.frame()
+        self.dialogue.modes.frame(self.dialogue.sensor)
     }
 
     /// Bytes that made no sense.
@@ -152,7 +152,8 @@ impl Session {
 
     /// They are sent.
     pub fn payload_sent(&mut self, now: u64) {
-        self.dialogue.payload_sent(now);
+        let Dialogue { port, policy, .. } = &mut self.dialogue;
+        port.payload_sent(now, policy);
     }
 
     /// Latest time to call [`Session::tick`]. `None` when no request is under way.

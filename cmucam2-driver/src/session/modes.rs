@@ -4,13 +4,11 @@ use core::ops::Range;
 
 use crate::{
     colour::ColourBounds,
-    command::{
-        Effect, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask, TrackingLines,
-    },
+    command::{Effect, Mode, Order, RawMode, Reply, StatisticsMask},
     features::FULL,
     geometry::{DownSampling, Sensor, Size, Window},
-    packet::{BINS_MAX, PacketKind, TrackingFields},
-    parser::{Expectation, ImageExpectation},
+    packet::{BINS_MAX, PacketKind},
+    parser::{Expectation, ImageKind},
     register::{PAIRS_MAX, Register},
     servo::ServoMask,
 };
@@ -290,10 +288,7 @@ impl Modes {
         };
         let mut expectation = Expectation {
             frame: if difference {
-                Size {
-                    width: grid,
-                    height: grid,
-                }
+                Size::new(grid, grid)
             } else {
                 self.frame(sensor)
             },
@@ -313,17 +308,13 @@ impl Modes {
     /// Effect of other modes on packets and images.
     fn expect_formats(&self, order: &Order, expectation: &mut Expectation) {
         let reply = order.reply();
-        let servos = match reply {
-            // Only colour tracking reports servos.
-            Reply::Packets(PacketKind::Difference) => None,
-            _ => self.value(Mode::ServoMask),
-        };
-        expectation.tracking = TrackingFields::new(
-            self.value(Mode::TrackingMask).unwrap_or(0xFF),
-            servos
-                .and_then(|bits| ServoMask::new(bits).ok())
-                .unwrap_or_default(), // nothing is reported
-        );
+        expectation.tracking = self.value(Mode::TrackingMask).unwrap_or(0xFF);
+        // Only colour tracking reports servos.
+        if reply != Reply::Packets(PacketKind::Difference) {
+            let told = self.value(Mode::ServoMask);
+            let servos = told.and_then(|bits| ServoMask::new(bits).ok());
+            expectation.servos = servos.unwrap_or_default();
+        }
         expectation.statistics = self
             .value(Mode::StatisticsMask)
             .and_then(|bits| StatisticsMask::new(bits).ok())
@@ -332,37 +323,24 @@ impl Modes {
             Some(_) => None,
             None => Some(BINS_MAX as u8),
         };
-        expectation.image = match reply {
-            Reply::Frame if order.arguments().is_empty() => ImageExpectation::Frame(3),
-            Reply::Frame => ImageExpectation::Frame(1),
-            Reply::Packets(PacketKind::Tracking) => {
-                ImageExpectation::Tracking(self.tracking_lines())
-            }
-            Reply::Packets(PacketKind::Statistics) => {
-                ImageExpectation::Statistics(self.statistics_lines())
-            }
-            _ => ImageExpectation::None,
+        let lines = match reply {
+            Reply::Packets(PacketKind::Tracking) => self.value(Mode::TrackingLines),
+            Reply::Packets(PacketKind::Statistics) => self.value(Mode::StatisticsLines),
+            _ => None,
+        };
+        expectation.image = match (reply, lines) {
+            (Reply::Frame, _) if order.arguments().is_empty() => Some(ImageKind::Frame(3)),
+            (Reply::Frame, _) => Some(ImageKind::Frame(1)),
+            (Reply::Packets(PacketKind::Tracking), Some(1)) => Some(ImageKind::Bitmap),
+            (Reply::Packets(PacketKind::Tracking), Some(2)) => Some(ImageKind::Rows),
+            (_, Some(1)) => Some(ImageKind::Means(3)),
+            (_, Some(2)) => Some(ImageKind::Means(6)),
+            _ => None,
         };
         expectation.raw = self
             .value(Mode::Raw)
             .and_then(|bits| RawMode::new(bits).ok())
             .unwrap_or_default()
             .output();
-    }
-
-    fn tracking_lines(&self) -> TrackingLines {
-        match self.value(Mode::TrackingLines) {
-            Some(1) => TrackingLines::Bitmap,
-            Some(2) => TrackingLines::Rows,
-            _ => TrackingLines::Off,
-        }
-    }
-
-    fn statistics_lines(&self) -> StatisticsLines {
-        match self.value(Mode::StatisticsLines) {
-            Some(1) => StatisticsLines::Means,
-            Some(2) => StatisticsLines::MeansAndDeviations,
-            _ => StatisticsLines::Off,
-        }
     }
 }

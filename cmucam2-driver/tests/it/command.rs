@@ -3,7 +3,7 @@
 use cmucam2_driver::{
     Command,
     argument::ArgumentError,
-    colour::{ColourBounds, ColourChannel},
+    colour::{ColourBounds, ColourChannel, LevelRange},
     command::{
         LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
     },
@@ -12,14 +12,16 @@ use cmucam2_driver::{
     servo::{Servo, ServoAxis, ServoMask, ServoParameters, ServoPosition},
 };
 
-fn bounds() -> ColourBounds {
+pub(crate) fn orange() -> ColourBounds {
     ColourBounds::new([170, 230, 70, 130, 16, 46]).unwrap()
 }
 
-/// One line for each command of the protocol.
+/// One line for each command of the protocol, and more that other tests use.
 fn golden() -> Vec<(Command, &'static str)> {
     let axis = |far, near, step| ServoAxis { far, near, step };
     let (pan, tilt) = (axis(16, 8, 20), axis(12, 6, 10));
+    let position = |position| ServoPosition::new(position).unwrap();
+    let other = ColourBounds::new([20, 30, 40, 50, 60, 70]).unwrap();
     vec![
         (Command::Idle, ""),
         (Command::BufferMode(true), "BM 1"),
@@ -71,6 +73,10 @@ fn golden() -> Vec<(Command, &'static str)> {
         (Command::Led1(LedMode::On), "L1 1"),
         (Command::LoadFrame, "LF"),
         (
+            Command::LineMode(LineMode::Tracking(TrackingLines::Bitmap)),
+            "LM 0 1",
+        ),
+        (
             Command::LineMode(LineMode::Tracking(TrackingLines::Rows)),
             "LM 0 2",
         ),
@@ -88,6 +94,7 @@ fn golden() -> Vec<(Command, &'static str)> {
         (Command::PixelDifference(true), "PD 1"),
         (Command::PacketFilter(true), "PF 1"),
         (Command::PollMode(true), "PM 1"),
+        (Command::PollMode(false), "PM 0"),
         (Command::PacketSkip(9), "PS 9"),
         (Command::ReadFrame, "RF"),
         (Command::RawMode(RawMode::OUTPUT), "RM 1"),
@@ -109,11 +116,21 @@ fn golden() -> Vec<(Command, &'static str)> {
             Command::ServoPosition(Servo::PAN, ServoPosition::CENTRE),
             "SV 0 128",
         ),
-        (Command::SetBounds(bounds()), "ST 170 230 70 130 16 46"),
+        (Command::ServoPosition(Servo::TILT, position(46)), "SV 1 46"),
         (
-            Command::TrackColour(Some(bounds())),
+            Command::ServoPosition(Servo::new(2).unwrap(), position(210)),
+            "SV 2 210",
+        ),
+        (
+            Command::ServoPosition(Servo::new(3).unwrap(), position(99)),
+            "SV 3 99",
+        ),
+        (Command::SetBounds(orange()), "ST 170 230 70 130 16 46"),
+        (
+            Command::TrackColour(Some(orange())),
             "TC 170 230 70 130 16 46",
         ),
+        (Command::TrackColour(Some(other)), "TC 20 30 40 50 60 70"),
         (Command::TrackColour(None), "TC"),
         (Command::TrackInvert(true), "TI 1"),
         (Command::TrackWindow, "TW"),
@@ -124,6 +141,14 @@ fn golden() -> Vec<(Command, &'static str)> {
         ),
         (Command::VirtualWindow(None), "VW"),
     ]
+}
+
+/// The command of a golden line.
+pub(crate) fn named(line: &str) -> Command {
+    let found = golden().into_iter().find(|(_, text)| *text == line);
+    found
+        .unwrap_or_else(|| panic!("no golden line is {line:?}"))
+        .0
 }
 
 #[test]
@@ -154,6 +179,11 @@ fn what_the_camera_has_no_meaning_for_cannot_be_made() {
             ColourBounds::new([50, 40, 16, 240, 16, 240]).err(),
             ArgumentError::BoundsOrder,
         ),
+        (
+            ColourBounds::new([16, 240, 90, 80, 16, 240]).err(),
+            ArgumentError::BoundsOrder,
+        ),
+        (LevelRange::new(101, 100).err(), ArgumentError::BoundsOrder),
         (Window::new(50, 1, 40, 2).err(), ArgumentError::WindowOrder),
         (DownSampling::new(0, 1).err(), ArgumentError::DownSampling),
         (Servo::new(5).err(), ArgumentError::Servo),
@@ -166,4 +196,6 @@ fn what_the_camera_has_no_meaning_for_cannot_be_made() {
     ] {
         assert_eq!(made, Some(error));
     }
+    assert!(LevelRange::new(100, 100).is_ok());
+    assert!(LevelRange::new(0, 255).is_ok());
 }

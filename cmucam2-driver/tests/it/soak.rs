@@ -2,9 +2,8 @@
 
 use cmucam2_driver::{
     Packet,
-    command::{StatisticsLines, TrackingLines},
     geometry::Size,
-    parser::{Expectation, ImageExpectation, Parser},
+    parser::{Expectation, ImageKind, Parser},
 };
 
 use super::{
@@ -12,10 +11,7 @@ use super::{
     stream::{damage, packets, read, tracking},
 };
 
-const FRAME: Size = Size {
-    width: 88,
-    height: 143,
-};
+const FRAME: Size = Size::new(88, 143);
 
 fn text() -> Expectation {
     Expectation {
@@ -31,12 +27,12 @@ pub(crate) fn random_streams(count: u64, seed: u64) -> u64 {
     let mut bytes = Vec::new();
     let mut total = 0;
     let images = [
-        ImageExpectation::Frame(1),
-        ImageExpectation::Frame(3),
-        ImageExpectation::Tracking(TrackingLines::Bitmap),
-        ImageExpectation::Tracking(TrackingLines::Rows),
-        ImageExpectation::Statistics(StatisticsLines::Means),
-        ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations),
+        ImageKind::Frame(1),
+        ImageKind::Frame(3),
+        ImageKind::Bitmap,
+        ImageKind::Rows,
+        ImageKind::Means(3),
+        ImageKind::Means(6),
     ];
     for round in 0..count {
         let mut expectation = text();
@@ -44,7 +40,7 @@ pub(crate) fn random_streams(count: u64, seed: u64) -> u64 {
             0 | 1 => {}
             2 => expectation.raw = true,
             _ => {
-                expectation.image = images[random.below(6) as usize];
+                expectation.image = Some(images[random.below(6) as usize]);
                 expectation.raw = random.chance(30);
                 expectation.values = random.below(7) as u8;
             }

@@ -293,8 +293,8 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
     let done = bench.work(recording);
     // Ctrl-C has ended the work; the rest is needed in any case.
     bench.person.interrupted().store(false, Ordering::Relaxed);
-    let stopped = bench.camera.stop().wait();
-    done.and_then(|()| stopped.map_err(|error| bench.failed(error)))
+    let stopped = bench.ask(|camera| camera.stop().wait());
+    done.and(stopped)
 }
 
 impl Arguments {
@@ -374,8 +374,7 @@ impl<'a> Bench<'a> {
     fn prepare(&mut self, sensor: Option<Sensor>) -> anyhow::Result<()> {
         if self.arguments.as_is {
             for mode in as_after_reset() {
-                let set = self.camera.set(mode).wait();
-                set.map_err(|error| self.failed(error))?;
+                self.ask(|camera| camera.set(mode).wait())?;
             }
         } else {
             let adapting = spinner(format!(
@@ -384,8 +383,7 @@ impl<'a> Bench<'a> {
             ));
             let mut start_up = StartUp::default();
             start_up.adapt_ms = (self.arguments.settle * 1e3) as u32;
-            let started = self.camera.start_up(start_up);
-            started.wait().map_err(|error| self.failed(error))?;
+            self.ask(|camera| camera.start_up(start_up).wait())?;
             adapting.finish_and_clear();
         }
         let high = self.arguments.high_res;
@@ -394,8 +392,7 @@ impl<'a> Bench<'a> {
         }
         // It may be on from an earlier run.
         if high || self.arguments.as_is && sensor != Some(Sensor::Ov7620) {
-            let set = self.camera.set(Command::HighResolution(high)).wait();
-            set.map_err(|error| self.failed(error))?;
+            self.ask(|camera| camera.set(Command::HighResolution(high)).wait())?;
         }
         self.frame = match sensor {
             Some(_) => self.camera.session().frame(),
@@ -425,14 +422,12 @@ impl<'a> Bench<'a> {
         if self.arguments.as_is {
             return Ok(USUAL_FIRST);
         }
-        let all = self.camera.track_colour(ColourBounds::ALL).wait();
-        all.map_err(|error| self.failed(error))?;
-        let seen = self.camera.next_tracking().wait();
-        let seen = seen.map_err(|error| self.failed(error))?;
-        self.camera
-            .stop()
-            .wait()
-            .map_err(|error| self.failed(error))?;
+        let seen = self.ask(|camera| {
+            camera.track_colour(ColourBounds::ALL).wait()?;
+            let seen = camera.next_tracking().wait()?;
+            camera.stop().wait()?;
+            Ok(seen)
+        })?;
         let found = seen.and_then(|seen| seen.bounding_box());
         let first = found.map(|found| found.y1).filter(|&first| first <= 1);
         Ok(first.unwrap_or(USUAL_FIRST))
@@ -452,8 +447,7 @@ impl<'a> Bench<'a> {
                 stops::run(&mut camera, &mut recording, path)
             }
             None => {
-                let started = self.camera.track_colour(bounds).wait();
-                started.map_err(|error| self.failed(error))?;
+                self.ask(|camera| camera.track_colour(bounds).wait())?;
                 live::run(self)
             }
         }
@@ -465,21 +459,16 @@ impl<'a> Bench<'a> {
             return Ok(bounds);
         }
         let bounds = if self.arguments.as_is {
-            self.camera.tracking_bounds().wait()
+            self.ask(|camera| camera.tracking_bounds().wait())?
         } else {
             if Person::is_there() {
                 let question = "Put the object into the middle of the view and press Enter.";
                 self.person.line(question)?;
             }
             let learning = spinner("learning the colour in the middle of the view");
-            let learnt = self.camera.learn(Learn::default()).wait();
+            let learnt = self.ask(|camera| camera.learn(Learn::default()).wait());
             learning.finish_and_clear();
-            learnt
-        };
-        let bounds = bounds.map_err(|error| self.failed(error))?;
-        let bounds = match self.arguments.as_is {
-            true => bounds,
-            false => self.best_of(bounds)?,
+            self.best_of(learnt?)?
         };
         let [red_min, red_max, green_min, green_max, blue_min, blue_max] = bounds.values();
         tell(format_args!(
@@ -493,9 +482,10 @@ impl<'a> Bench<'a> {
     /// The bounds that were learnt, or better ones; refused where the background has their colour.
     fn best_of(&mut self, bounds: ColourBounds) -> anyhow::Result<ColourBounds> {
         let looking = spinner("looking how much of the background has this colour");
-        let judged = colour::judge(&mut self.camera, bounds, (self.frame, self.view.first()));
+        let (frame, first) = (self.frame, self.view.first());
+        let judged = self.ask(|camera| colour::judge(camera, bounds, (frame, first)));
         looking.finish_and_clear();
-        let Judged { background, best } = judged.map_err(|error| self.failed(error))?;
+        let Judged { background, best } = judged?;
         let best = match best {
             Ok(best) => best,
             Err(VisionError::CommonColour(share)) => bail!(
@@ -566,12 +556,13 @@ impl<'a> Bench<'a> {
 
     fn picture(&mut self, path: &Path) -> anyhow::Result<()> {
         let rows = messages::bar(0, "row {pos} of {len} {wide_bar} {eta} left");
-        let taken = picture::take(&mut self.camera, |row, of| {
+        let progress = |row: usize, of: usize| {
             rows.set_length(of as u64);
             rows.set_position(row as u64);
-        });
+        };
+        let taken = self.ask(|camera| picture::take(camera, progress));
         rows.finish_and_clear();
-        let picture = taken.map_err(|error| self.failed(error))?;
+        let picture = taken?;
         let (columns, rows) = picture.size();
         let damaged = picture.damaged();
         let told = format!(
@@ -616,6 +607,14 @@ impl<'a> Bench<'a> {
             }
             _ => self.failed(error),
         }
+    }
+
+    /// Has the camera do something. A failure is told with what to check.
+    fn ask<T>(
+        &mut self,
+        call: impl FnOnce(&mut Device) -> Result<T, Error<PortError>>,
+    ) -> anyhow::Result<T> {
+        call(&mut self.camera).map_err(|error| self.failed(error))
     }
 
     fn failed(&self, error: Error<PortError>) -> anyhow::Error {

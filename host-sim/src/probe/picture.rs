@@ -2,9 +2,8 @@
 
 use cmucam2_driver::{
     Cmucam2, Command, Error,
-    device::Part,
     parser::{ImageHeader, ImageKind},
-    session::Fault,
+    session::{Answer, Fault},
 };
 use embedded_hal::delay::DelayNs;
 use embedded_io::{Read, ReadReady, Write};
@@ -110,24 +109,24 @@ where
     let mut row = [0; ROW];
     loop {
         match camera.next_part(&mut row).wait()? {
-            Part::Header(header) if header.kind == ImageKind::Frame(CHANNELS as u8) => {
+            Answer::Header(header) if header.kind == ImageKind::Frame(CHANNELS as u8) => {
                 progress(0, usize::from(header.height));
                 picture = Some(Picture::new(header));
             }
-            Part::Row { bytes, intact } => {
+            Answer::Row { bytes, intact } => {
                 if let Some(picture) = &mut picture {
                     let bytes = row.get(..usize::from(bytes)).unwrap_or(&row);
                     picture.add(bytes, intact);
                     progress(picture.rows, picture.height);
                 }
             }
-            Part::End { intact, .. } => {
+            Answer::End { intact, .. } => {
                 let mut picture = picture.ok_or(Error::Camera(Fault::Garbage))?;
                 // Bytes too many: the row where they came is not known.
                 picture.damaged += usize::from(!intact && picture.damaged() == 0);
                 return Ok(picture);
             }
-            Part::Header(_) | Part::Packet(_) | Part::Quiet => {}
+            _ => {}
         }
     }
 }

@@ -194,41 +194,23 @@ impl Heard {
 }
 
 /// A line to a device, with the clock by which it is waited for: a serial port, or an emulated camera in virtual
-/// time.
+/// time. Errors are those of the operating system.
 pub trait Wire: Send {
     /// Time since it was opened.
     fn now(&self) -> Duration;
     /// Lets so much time pass.
     fn sleep(&mut self, time: Duration);
     /// Sets the rate, bits per second.
-    ///
-    /// # Errors
-    /// Those of the operating system, here and below.
     fn set_baud_rate(&mut self, rate: u32) -> io::Result<()>;
     /// Tells whether bytes have come.
-    ///
-    /// # Errors
-    /// See above.
     fn is_ready(&mut self) -> io::Result<bool>;
     /// Reads bytes, one at least.
-    ///
-    /// # Errors
-    /// See above.
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize>;
     /// Writes bytes, one at least.
-    ///
-    /// # Errors
-    /// See above.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize>;
     /// Waits until all is sent.
-    ///
-    /// # Errors
-    /// See above.
     fn flush(&mut self) -> io::Result<()>;
     /// Drops what has come.
-    ///
-    /// # Errors
-    /// See above.
     fn clear(&mut self) -> io::Result<()>;
 }
 

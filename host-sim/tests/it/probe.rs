@@ -182,24 +182,8 @@ fn modes_that_another_program_has_set_are_put_back() {
     };
     let usual = told("");
     assert_eq!((number(&usual, "x1"), number(&usual, "x2")), (20.0, 67.0));
-    for mode in [
-        "DS 2 2",
-        "OM 0 3",
-        "RM 1",
-        "RM 7",
-        "VW 30 10 50 90",
-        "PM 1",
-        "LM 0 1",
-        "LM 0 2",
-        "BM 1",
-        "TI 1",
-        "PD 1",
-        "SM 15",
-        "PS 3",
-        "PF 1",
-        "NF 60",
-        "HR 1",
-    ] {
+    let modes = "DS 2 2,OM 0 3,RM 1,RM 7,VW 30 10 50 90,PM 1,LM 0 1,LM 0 2,BM 1,TI 1,PD 1,SM 15,PS 3,PF 1,NF 60,HR 1";
+    for mode in modes.split(',') {
         let mut line = told(&format!("{mode}\\r"));
         line["seconds"] = usual["seconds"].clone();
         assert_eq!(line, usual, "{mode}");
@@ -634,22 +618,11 @@ fn record_then_solve() {
         );
         let camera = Emulated::new(&scene, &[]);
         let place = format!("{x},{y}");
-        let (text, _) = camera.probe(&[
-            "--settle",
-            "0",
-            "--colour",
-            ORANGE,
-            "--fov-deg",
-            "45",
-            "--packets",
-            "5",
-            "--record",
-            &file,
-            "--case",
-            "north",
-            "--at",
-            &place,
-        ]);
+        let options = format!(
+            "--settle 0 --colour {ORANGE} --fov-deg 45 --packets 5 --case north --at {place} --record"
+        );
+        let options: Vec<_> = options.split(' ').chain([&file[..]]).collect();
+        let (text, _) = camera.probe(&options);
         assert!(
             text.starts_with(&format!("north,{place}: column ")),
             "{text}"
@@ -675,17 +648,9 @@ fn places_are_read_line_by_line() {
     let files = Files::new();
     let file = files.path("s.csv");
     let camera = Emulated::new(&square(), &[]);
-    let arguments = camera.arguments(&[
-        "--settle",
-        "0",
-        "--packets",
-        "3",
-        "--record",
-        &file,
-        "--fov-deg",
-        "45",
-        "--json",
-    ]);
+    let options = "--settle 0 --packets 3 --fov-deg 45 --json --record".split(' ');
+    let options: Vec<_> = options.chain([&file[..]]).collect();
+    let arguments = camera.arguments(&options);
     let done = run_with_input(&arguments, "1 2\n\nthere\n-3.5; 4\nq\n9,9\n");
     assert_eq!(done.code, 0, "{}", done.stderr);
     assert!(
@@ -700,19 +665,9 @@ fn places_are_read_line_by_line() {
     assert_eq!(rows[0], "case,target_x,target_y,column,sigma_rad");
     assert!(rows[1].starts_with("camera,1,2,43.5,") && rows[2].starts_with("camera,-3.5,4,43.5,"));
     let line: Value = serde_json::from_str(done.stdout.lines().next().unwrap()).unwrap();
-    let keys = [
-        "case",
-        "target_x",
-        "target_y",
-        "column",
-        "sigma_rad",
-        "column_sigma",
-        "bearing_rad",
-        "packets",
-        "pixels",
-        "confidence",
-    ];
-    assert!(keys.iter().all(|key| line.get(key).is_some()), "{line}");
+    let keys = "case target_x target_y column sigma_rad column_sigma bearing_rad packets pixels confidence";
+    let keys: Vec<_> = keys.split(' ').collect();
+    assert!(keys.iter().all(|key| line.get(*key).is_some()), "{line}");
     assert_eq!(line.as_object().unwrap().len(), keys.len());
 }
 

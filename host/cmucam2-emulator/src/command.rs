@@ -7,6 +7,8 @@
 
 use std::fmt;
 
+use Takes::{Exactly, OneOrTwo, OrNone, Pairs};
+
 /// The most arguments a command has: five registers with their values.
 pub(super) const ARGUMENTS_MAX: usize = 10;
 
@@ -38,7 +40,7 @@ const NUMBER: Refusal = "an argument must be a decimal number from 0 to 255";
 const VALUE: Refusal = "an argument has no meaning";
 
 /// Arguments that a command takes.
-enum Takes {
+pub(super) enum Takes {
     /// So many, each at most this.
     Exactly(&'static [u8]),
     /// The same, or none.
@@ -52,31 +54,65 @@ enum Takes {
 /// Any byte.
 const ANY: u8 = 255;
 
-fn takes(letters: [u8; 2]) -> Option<Takes> {
-    use Takes::{Exactly, OneOrTwo, OrNone, Pairs};
-    Some(match &letters {
-        b"GB" | b"GI" | b"GM" | b"GT" | b"GV" | b"GW" | b"LF" | b"RF" | b"RS" | b"SD" | b"SL"
-        | b"UD" => Exactly(&[]),
-        b"BM" | b"CP" | b"CT" | b"FS" | b"HD" | b"HR" | b"HT" | b"PD" | b"PF" | b"PM" | b"TI" => {
-            Exactly(&[1])
-        }
-        b"DC" | b"GH" | b"L0" | b"L1" => Exactly(&[2]),
-        b"GS" => Exactly(&[4]),
-        b"DM" | b"FD" | b"MD" | b"NF" | b"PS" | b"RM" | b"SM" => Exactly(&[ANY]),
-        b"DS" => Exactly(&[ANY; 2]),
-        b"LM" => Exactly(&[2, 3]),
-        b"OM" => Exactly(&[1, ANY]),
-        b"SO" => Exactly(&[4, 1]),
-        b"SV" => Exactly(&[4, ANY]),
-        b"SP" => Exactly(&[ANY; 6]),
-        b"SF" => OrNone(&[2]),
-        b"TW" => OrNone(&[ANY]),
-        b"ST" | b"TC" => OrNone(&[ANY; 6]),
-        b"VW" => OrNone(&[ANY; 4]),
-        b"HC" => OneOrTwo,
-        b"CR" => Pairs,
-        _ => return None,
-    })
+/// A command: its letters, the arguments that it takes, and those that hold after a reset, where all that it does is to
+/// set them.
+pub(super) type Row = (&'static [u8; 2], Takes, &'static [u8]);
+
+/// All commands.
+pub(super) const COMMANDS: &[Row] = &[
+    (b"BM", Exactly(&[1]), &[0]),
+    (b"CP", Exactly(&[1]), &[1]),
+    (b"CR", Pairs, &[]),
+    (b"CT", Exactly(&[1]), &[0]),
+    (b"DC", Exactly(&[2]), &[1]),
+    (b"DM", Exactly(&[ANY]), &[0]),
+    (b"DS", Exactly(&[ANY; 2]), &[1; 2]),
+    (b"FD", Exactly(&[ANY]), &[]),
+    (b"FS", Exactly(&[1]), &[0]),
+    (b"GB", Exactly(&[]), &[]),
+    (b"GH", Exactly(&[2]), &[]),
+    (b"GI", Exactly(&[]), &[]),
+    (b"GM", Exactly(&[]), &[]),
+    (b"GS", Exactly(&[4]), &[]),
+    (b"GT", Exactly(&[]), &[]),
+    (b"GV", Exactly(&[]), &[]),
+    (b"GW", Exactly(&[]), &[]),
+    (b"HC", OneOrTwo, &[]),
+    (b"HD", Exactly(&[1]), &[0]),
+    (b"HR", Exactly(&[1]), &[0]),
+    (b"HT", Exactly(&[1]), &[0]),
+    (b"L0", Exactly(&[2]), &[2]),
+    (b"L1", Exactly(&[2]), &[2]),
+    (b"LF", Exactly(&[]), &[]),
+    (b"LM", Exactly(&[2, 3]), &[]),
+    (b"MD", Exactly(&[ANY]), &[]),
+    (b"NF", Exactly(&[ANY]), &[2]),
+    (b"OM", Exactly(&[1, ANY]), &[]),
+    (b"PD", Exactly(&[1]), &[0]),
+    (b"PF", Exactly(&[1]), &[0]),
+    (b"PM", Exactly(&[1]), &[0]),
+    (b"PS", Exactly(&[ANY]), &[0]),
+    (b"RF", Exactly(&[]), &[]),
+    (b"RM", Exactly(&[ANY]), &[0]),
+    (b"RS", Exactly(&[]), &[]),
+    (b"SD", Exactly(&[]), &[]),
+    (b"SF", OrNone(&[2]), &[]),
+    (b"SL", Exactly(&[]), &[]),
+    (b"SM", Exactly(&[ANY]), &[0]),
+    (b"SO", Exactly(&[4, 1]), &[]),
+    (b"SP", Exactly(&[ANY; 6]), &[16, 8, 5, 16, 8, 5]),
+    (b"ST", OrNone(&[ANY; 6]), &[]),
+    (b"SV", Exactly(&[4, ANY]), &[]),
+    (b"TC", OrNone(&[ANY; 6]), &[]),
+    (b"TI", Exactly(&[1]), &[0]),
+    (b"TW", OrNone(&[ANY]), &[]),
+    (b"UD", Exactly(&[]), &[]),
+    (b"VW", OrNone(&[ANY; 4]), &[]),
+];
+
+fn takes(letters: [u8; 2]) -> Option<&'static Takes> {
+    let row = COMMANDS.iter().find(|(name, ..)| **name == letters);
+    row.map(|(_, takes, _)| takes)
 }
 
 impl Command {
@@ -96,26 +132,23 @@ impl Command {
             .split(u8::is_ascii_whitespace)
             .filter(|word| !word.is_empty());
         let arguments = words.map(number).collect::<Result<Vec<_>, _>>()?;
-        Self::checked(letters, arguments, &takes).map(Some)
+        Self::checked(letters, arguments, takes).map(Some)
     }
 
     /// From the bytes of raw input.
     pub(super) fn from_raw(letters: [u8; 2], arguments: &[u8]) -> Result<Self, Refusal> {
         let letters = letters.map(|letter| letter.to_ascii_uppercase());
         let takes = takes(letters).ok_or(UNKNOWN)?;
-        Self::checked(letters, arguments.to_vec(), &takes)
+        Self::checked(letters, arguments.to_vec(), takes)
     }
 
     fn checked(letters: [u8; 2], arguments: Vec<u8>, takes: &Takes) -> Result<Self, Refusal> {
         let count = arguments.len();
         let limits: &[u8] = match *takes {
-            Takes::Exactly(limits) if count == limits.len() => limits,
-            Takes::OrNone(limits) if count == limits.len() => limits,
-            Takes::OrNone(_) if count == 0 => &[],
-            Takes::OneOrTwo if count == 1 || count == 2 => &[ANY; 2],
-            Takes::Pairs if count.is_multiple_of(2) && count <= ARGUMENTS_MAX => {
-                &[ANY; ARGUMENTS_MAX]
-            }
+            Exactly(limits) | OrNone(limits) if count == limits.len() => limits,
+            OrNone(_) if count == 0 => &[],
+            OneOrTwo if count == 1 || count == 2 => &[ANY; 2],
+            Pairs if count.is_multiple_of(2) && count <= ARGUMENTS_MAX => &[ANY; ARGUMENTS_MAX],
             _ => return Err(COUNT),
         };
         let too_great = arguments

@@ -226,11 +226,6 @@ impl Emulator {
         &mut self.scene
     }
 
-    /// Returns the modes that were set.
-    pub fn modes(&self) -> &Modes {
-        &self.modes
-    }
-
     /// Returns the light that the sensor has adapted to.
     pub fn light(&self) -> &Light {
         &self.light

@@ -69,7 +69,6 @@ pub use emulator::{Configuration, Emulator, Note, Time};
 pub use faults::FaultRates;
 pub use lens::{Lens, Pose};
 pub use light::{Light, daylight};
-pub use modes::{Modes, ServoPin};
 pub use packet::Packet;
 pub use picture::{Picture, Plane};
 pub use scene::{Background, Extent, Form, Object, Patch, Place, Rgb, Scene, Shape, Way};

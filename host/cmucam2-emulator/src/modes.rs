@@ -1,8 +1,12 @@
 //! Everything that commands set, with the values after a reset.
 
+use std::collections::BTreeMap;
+
 use super::{
     colour::{Bounds, LEVEL_MAX, LEVEL_MIN},
+    command::{COMMANDS, Command, Row},
     sensor::{Sensor, Size},
+    statistics::BINS,
     switches::Switches,
     view::Region,
 };
@@ -32,144 +36,111 @@ const REGISTERS: [(u8, u8); 6] = [
     (register::AUTO_GAIN, 33),
 ];
 
+/// Bins that the numbers 0, 1 and 2 of `HC` select, if they do not mean themselves.
+const SELECTED_BINS: [u8; 3] = [BINS, BINS / 2, BINS / 4];
+
 /// Number of registers of the sensor.
 const REGISTER_COUNT: usize = 256;
 
-/// Use of a servo pin.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ServoPin {
-    /// It holds this position, 46 to 210.
-    Position(u8),
-    /// It is a digital output.
-    Output(bool),
-}
-
-impl ServoPin {
-    /// A position as far as the servo goes.
-    pub(super) fn at(position: u8) -> Self {
-        Self::Position(position.clamp(46, 210))
-    }
-}
-
-/// Way in which the camera follows a target along one axis: beyond `far` pixels from the middle by `step`, beyond
-/// `near` by half of that.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ServoAxis {
-    pub(super) far: u8,
-    pub(super) near: u8,
-    pub(super) step: u8,
-}
-
-/// Actions of the camera on pan and tilt (`SM`): the bits of CMU's firmware.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct ServoMask(pub(super) u8);
-
-impl ServoMask {
-    pub(super) fn controls(self, servo: u8) -> bool {
-        self.0 >> servo & 1 != 0
-    }
-
-    pub(super) fn reports(self, servo: u8) -> bool {
-        self.0 >> (2 + servo) & 1 != 0
-    }
-}
-
-/// Raw mode (`RM`).
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct RawMode(pub(super) u8);
-
-impl RawMode {
-    pub(super) fn output(self) -> bool {
-        self.0 & 1 != 0
-    }
-
-    pub(super) fn suppresses_replies(self) -> bool {
-        self.0 & 2 != 0
-    }
-
-    pub(super) fn input(self) -> bool {
-        self.0 & 4 != 0
-    }
+/// A position as far as a servo goes.
+pub(super) fn servo_position(position: u8) -> u8 {
+    position.clamp(46, 210)
 }
 
 /// Settings of the camera.
 #[derive(Clone, Debug)]
-pub struct Modes {
+pub(super) struct Modes {
+    /// The last arguments of each command.
+    told: BTreeMap<[u8; 2], Vec<u8>>,
     pub(super) sensor: Sensor,
-    pub(super) power: bool,
-    pub(super) high_resolution: bool,
-    pub(super) down_sampling: [u8; 2],
-    pub(super) window: Option<[u8; 4]>,
     registers: [u8; REGISTER_COUNT],
-    pub(super) buffer: bool,
-    pub(super) difference_channel: u8,
-    pub(super) fine_grid: bool,
-    pub(super) histogram_bins: u8,
-    pub(super) histogram_scale: u8,
-    pub(super) histogram_tracked: bool,
-    pub(super) frame_stream: bool,
-    /// States of the two LEDs: 0 off, 1 on, 2 as the camera likes.
-    pub leds: [u8; 2],
     /// Line modes of tracking, of statistics and of frame differencing.
     pub(super) line_modes: [u8; 3],
-    pub(super) noise_filter: u8,
-    pub(super) tracking_mask: u8,
-    pub(super) statistics_mask: u8,
-    pub(super) pixel_difference: bool,
-    pub(super) packet_filter: bool,
-    pub(super) poll: bool,
-    pub(super) packet_skip: u8,
-    pub(super) servo_mask: ServoMask,
-    pub(super) servo_axes: [ServoAxis; 2],
-    /// Uses of the servo pins.
-    pub servos: [ServoPin; SERVOS],
+    /// Output masks of tracking and of statistics.
+    pub(super) masks: [u8; 2],
+    /// The servo pins: a position, or 0 or 1 of a digital output.
+    pub(super) servos: [u8; SERVOS],
     pub(super) bounds: Bounds,
-    pub(super) invert: bool,
-    pub(super) raw: RawMode,
 }
 
 impl Modes {
     /// After a reset of a camera with this sensor.
     pub(super) fn new(sensor: Sensor) -> Self {
-        let axis = ServoAxis {
-            far: 16,
-            near: 8,
-            step: 5,
-        };
+        let reset = |&(letters, _, reset): &Row| (*letters, reset.to_vec());
         let mut modes = Self {
+            told: COMMANDS.iter().map(reset).collect(),
             sensor,
-            power: true,
-            high_resolution: false,
-            down_sampling: [1; 2],
-            window: None,
             registers: [0; REGISTER_COUNT],
-            buffer: false,
-            difference_channel: 1,
-            fine_grid: false,
-            histogram_bins: super::statistics::BINS,
-            histogram_scale: 0,
-            histogram_tracked: false,
-            frame_stream: false,
-            leds: [2; 2],
             line_modes: [0; 3],
-            noise_filter: 2,
-            tracking_mask: 0xFF,
-            statistics_mask: 0xFF,
-            pixel_difference: false,
-            packet_filter: false,
-            poll: false,
-            packet_skip: 0,
-            servo_mask: ServoMask::default(),
-            servo_axes: [axis; 2],
-            servos: [ServoPin::Position(SERVO_CENTRE); SERVOS],
+            masks: [0xFF; 2],
+            servos: [SERVO_CENTRE; SERVOS],
             bounds: Bounds([
                 LEVEL_MIN, LEVEL_MAX, LEVEL_MIN, LEVEL_MAX, LEVEL_MIN, LEVEL_MAX,
             ]),
-            invert: false,
-            raw: RawMode::default(),
         };
         modes.reset_registers();
         modes
+    }
+
+    /// Sets what a command sets.
+    pub(super) fn tell(&mut self, command: &Command) {
+        self.told.insert(command.letters, command.arguments.clone());
+    }
+
+    /// The whole frame again.
+    pub(super) fn open_window(&mut self) {
+        self.told.remove(b"VW");
+    }
+
+    /// The arguments that the command of these letters has set.
+    pub(super) fn told(&self, letters: &[u8; 2]) -> &[u8] {
+        self.told.get(letters).map_or(&[], Vec::as_slice)
+    }
+
+    /// The same of a command with one argument.
+    pub(super) fn number(&self, letters: &[u8; 2]) -> u8 {
+        self.told(letters).first().copied().unwrap_or(0)
+    }
+
+    pub(super) fn is_on(&self, letters: &[u8; 2]) -> bool {
+        self.number(letters) != 0
+    }
+
+    fn bit(&self, letters: &[u8; 2], bit: u8) -> bool {
+        self.number(letters) >> bit & 1 != 0
+    }
+
+    /// Packets, and perhaps values, are binary.
+    pub(super) fn raw_output(&self) -> bool {
+        self.bit(b"RM", 0)
+    }
+
+    pub(super) fn suppresses_replies(&self) -> bool {
+        self.bit(b"RM", 1)
+    }
+
+    pub(super) fn raw_input(&self) -> bool {
+        self.bit(b"RM", 2)
+    }
+
+    /// Actions of the camera on pan (0) and tilt (1): the bits of CMU's firmware.
+    pub(super) fn controls(&self, servo: u8) -> bool {
+        self.bit(b"SM", servo)
+    }
+
+    pub(super) fn reports(&self, servo: u8) -> bool {
+        self.bit(b"SM", 2 + servo)
+    }
+
+    /// Bins of a histogram, and the number of times that their counts are doubled.
+    pub(super) fn histogram(&self, switches: &Switches) -> (u8, u8) {
+        let told = self.told(b"HC");
+        let bins = match told.first() {
+            None => BINS,
+            Some(&bins) if switches.histogram_bins == 1 => bins.clamp(1, BINS),
+            Some(&place) => SELECTED_BINS[usize::from(place).min(SELECTED_BINS.len() - 1)],
+        };
+        (bins, told.get(1).copied().unwrap_or(0))
     }
 
     pub(super) fn reset_registers(&mut self) {
@@ -184,7 +155,7 @@ impl Modes {
     }
 
     /// The value of a sensor register.
-    pub fn register(&self, register: u8) -> u8 {
+    pub(super) fn register(&self, register: u8) -> u8 {
         self.registers[usize::from(register)]
     }
 
@@ -202,22 +173,20 @@ impl Modes {
 
     /// The sensor's frame, before down-sampling.
     pub(super) fn sensor_frame(&self, switches: &Switches) -> Size {
-        let full = Size::of(self.sensor, self.high_resolution);
-        let low = self.sensor == Sensor::Ov6620 && !self.high_resolution;
-        Size {
-            width: full.width - u8::from(low && switches.narrow == 1),
-            height: full.height,
-        }
+        let high = self.is_on(b"HR");
+        let full = Size::of(self.sensor, high);
+        let low = self.sensor == Sensor::Ov6620 && !high;
+        Size::new(
+            full.width - u8::from(low && switches.narrow == 1),
+            full.height,
+        )
     }
 
     /// The frame in the units of tracking.
     pub(super) fn frame(&self, switches: &Switches) -> Size {
         let Size { width, height } = self.sensor_frame(switches);
-        let [x, y] = self.down_sampling;
-        Size {
-            width: width.div_ceil(x),
-            height: height.div_ceil(y),
-        }
+        let [x, y] = self.down_sampling();
+        Size::new(width.div_ceil(x), height.div_ceil(y))
     }
 
     /// The part of the frame that is processed.
@@ -229,7 +198,7 @@ impl Modes {
             x2: width - 1,
             y2: height - 1,
         };
-        let Some(window) = self.window else {
+        let Ok(window) = <[u8; 4]>::try_from(self.told(b"VW")) else {
             return whole;
         };
         let [x1, y1, x2, y2] = window.map(|corner| corner.saturating_sub(switches.origin));
@@ -254,12 +223,9 @@ impl Modes {
         (time * rows / all).max(time / FASTEST_SHARE)
     }
 
-    /// Answer of a servo pin when asked for its position.
-    pub(super) fn servo_value(&self, servo: usize) -> u8 {
-        match self.servos[servo] {
-            ServoPin::Position(position) => position,
-            ServoPin::Output(high) => u8::from(high),
-        }
+    /// Distance between two columns that count, and between two rows.
+    pub(super) fn down_sampling(&self) -> [u8; 2] {
+        self.told(b"DS").try_into().unwrap_or([1; 2])
     }
 }
 

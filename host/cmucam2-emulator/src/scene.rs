@@ -7,6 +7,8 @@
 
 use std::sync::Arc;
 
+use serde::Deserialize;
+
 use super::{
     lens::{Lens, Pose},
     picture::Picture,
@@ -64,9 +66,11 @@ impl Extent {
 }
 
 /// Outline of an object.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// The ellipse that fills its extent.
+    #[default]
     Disc,
     /// All of its extent.
     Box,
@@ -158,7 +162,8 @@ pub struct Object {
 }
 
 /// Background, behind all objects.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum Background {
     /// One colour.
     Plain(Rgb),
@@ -179,6 +184,7 @@ pub enum Background {
         colours: Vec<Rgb>,
     },
     /// Picture of another camera, all of it.
+    #[serde(skip)]
     Picture(Arc<Picture>),
 }
 

@@ -82,7 +82,7 @@ struct File {
     flicker: f64,
     #[serde(default)]
     camera: CameraTable,
-    background: BackgroundTable,
+    background: Background,
     #[serde(default, rename = "object")]
     objects: Vec<ObjectTable>,
 }
@@ -117,38 +117,14 @@ impl Default for CameraTable {
 }
 
 #[derive(Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-enum BackgroundTable {
-    Plain(Rgb),
-    Gradient {
-        top: Rgb,
-        bottom: Rgb,
-    },
-    Blocks {
-        columns: u16,
-        rows: u16,
-        colours: Vec<Rgb>,
-    },
-}
-
-#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ObjectTable {
     colour: Rgb,
     #[serde(default)]
-    shape: ShapeName,
+    shape: Shape,
     #[serde(default)]
     repeat: bool,
     stops: Vec<Stop>,
-}
-
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum ShapeName {
-    #[default]
-    Disc,
-    Box,
-    Tag(u16),
 }
 
 /// A stop of any form, which follows from the fields that are there.
@@ -166,14 +142,6 @@ struct Stop {
     y: Option<f64>,
     height: Option<f64>,
     radius: Option<f64>,
-}
-
-/// Meaning of the four numbers of a stop.
-#[derive(Clone, Copy, PartialEq)]
-enum StopForm {
-    Picture,
-    Angles,
-    World,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -257,24 +225,17 @@ impl Scene {
         for (number, object) in (1..).zip(&file.objects) {
             objects.push(object.read(number, lens, pose)?);
         }
+        if let Background::Blocks {
+            columns,
+            rows,
+            colours,
+        } = &file.background
+        {
+            let any = *columns > 0 && *rows > 0 && !colours.is_empty();
+            sense(any, "background.blocks needs columns, rows and colours")?;
+        }
         Ok(Self {
-            background: match file.background {
-                BackgroundTable::Plain(colour) => Background::Plain(colour),
-                BackgroundTable::Gradient { top, bottom } => Background::Gradient { top, bottom },
-                BackgroundTable::Blocks {
-                    columns,
-                    rows,
-                    colours,
-                } => {
-                    let any = columns > 0 && rows > 0 && !colours.is_empty();
-                    sense(any, "background.blocks needs columns, rows and colours")?;
-                    Background::Blocks {
-                        columns,
-                        rows,
-                        colours,
-                    }
-                }
-            },
+            background: file.background,
             objects,
             light: file.light,
             noise: file.noise,
@@ -290,7 +251,7 @@ impl ObjectTable {
         let mut form = None;
         for (place, stop) in (1..).zip(&self.stops) {
             let wrong = |why| SceneError::Sense(format!("stop {place} of object {number} {why}"));
-            let (its, numbers) = stop.read().map_err(wrong)?;
+            let (its, numbers) = stop.read(lens, pose).map_err(wrong)?;
             sense(
                 *form.get_or_insert(its) == its,
                 format!("the stops of object {number} are not of one form"),
@@ -308,17 +269,9 @@ impl ObjectTable {
         )?;
         Ok(Object {
             colour: self.colour,
-            shape: match self.shape {
-                ShapeName::Disc => Shape::Disc,
-                ShapeName::Box => Shape::Box,
-                ShapeName::Tag(number) => Shape::Tag(number),
-            },
+            shape: self.shape,
             place: Place::Moving(Way {
-                form: match form {
-                    StopForm::Picture => Form::Picture,
-                    StopForm::Angles => Form::Angles(lens),
-                    StopForm::World => Form::World(lens, pose),
-                },
+                form,
                 stops,
                 repeat: self.repeat,
             }),
@@ -328,7 +281,7 @@ impl ObjectTable {
 
 impl Stop {
     /// Its form and numbers, or the fault that it has.
-    fn read(&self) -> Result<(StopForm, [f64; 4]), String> {
+    fn read(&self, lens: Lens, pose: Pose) -> Result<(Form, [f64; 4]), String> {
         let picture = self.picture.is_some() || self.size.is_some();
         let angles =
             self.bearing_deg.is_some() || self.elevation_deg.is_some() || self.size_deg.is_some();
@@ -339,20 +292,20 @@ impl Stop {
             (true, false, false) => {
                 let [x, y] = need("picture", self.picture)?;
                 let sizes = need("size", self.size)?.each();
-                (StopForm::Picture, [x, y, sizes[0], sizes[1]], sizes)
+                (Form::Picture, [x, y, sizes[0], sizes[1]], sizes)
             }
             (false, true, false) => {
                 let bearing = need("bearing_deg", self.bearing_deg)?;
                 let elevation = self.elevation_deg.unwrap_or(0.0);
                 let sizes = need("size_deg", self.size_deg)?.each();
                 let degrees = [bearing, elevation, sizes[0], sizes[1]];
-                (StopForm::Angles, degrees.map(f64::to_radians), sizes)
+                (Form::Angles(lens), degrees.map(f64::to_radians), sizes)
             }
             (false, false, true) => {
                 let (x, y) = (need("x", self.x)?, need("y", self.y)?);
                 let radius = need("radius", self.radius)?;
                 let height = self.height.unwrap_or(0.0);
-                (StopForm::World, [x, y, height, radius], [radius; 2])
+                (Form::World(lens, pose), [x, y, height, radius], [radius; 2])
             }
             (false, false, false) => return Err("has no place: see `--help`".to_owned()),
             _ => {
@@ -424,83 +377,52 @@ mod tests {
 
     #[test]
     fn what_makes_no_sense_is_said() {
-        let background = "[background]\nplain = [1, 2, 3]\n";
+        let plain = "[background]\nplain = [1, 2, 3]\n";
+        let camera = |line: &str| format!("{plain}[camera]\n{line}\n");
+        let object =
+            |stops: &str| format!("{plain}[[object]]\ncolour = [1, 2, 3]\nstops = [{stops}]\n");
+        let ball = object("{ x = 1, y = 1, radius = 1 }");
+        let gradient = "[background.gradient]\ntop = [1, 2, 3]\nbottom = [1, 2, 3]\nmiddle = 1\n";
+        let nose = format!("nose = 1\n{plain}");
+        let lost = ball.replace("[[object]]", "[camera]\nheight = nan\n[[object]]");
         for (text, part) in [
             ("", "background"),
             ("[background]\nplain = [1, 2, 300]\n", "300"),
-            ("nose = 1\n[background]\nplain = [1, 2, 3]\n", "nose"),
+            (&nose, "nose"),
+            (gradient, "middle"),
+            (&camera("fov_deg = 180.0"), "below 180"),
             (
-                &format!("{background}[camera]\nfov_deg = 180.0\n"),
-                "below 180",
-            ),
-            (
-                &format!("{background}[[object]]\ncolour = [1, 2, 3]\nstops = []\n"),
-                "object 1 has no stops",
-            ),
-            (
-                &format!(
-                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
-                     radius = 1 }}, {{ at = 1, bearing_deg = 1, size_deg = 1 }}]\n"
-                ),
-                "not of one form",
-            ),
-            (
-                &format!(
-                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
-                     radius = 1, hieght = 0.3 }}]\n"
-                ),
-                "unknown field `hieght`",
-            ),
-            (
-                &format!(
-                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
-                     radius = -1 }}]\n"
-                ),
-                "stop 1 of object 1 has a size or radius that is not above 0",
-            ),
-            (
-                &format!(
-                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ picture = [0.5, 0.5], \
-                     size = [0.1, 0.0] }}]\n"
-                ),
-                "not above 0",
-            ),
-            (
-                &format!(
-                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1 }}]\n"
-                ),
-                "has no `radius`",
-            ),
-            (
-                &format!(
-                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
-                     radius = 1, size_deg = 2 }}]\n"
-                ),
-                "more than one place",
-            ),
-            (
-                &format!("{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ at = 1 }}]\n"),
-                "no place",
-            ),
-            (
-                "[background.gradient]\ntop = [1, 2, 3]\nbottom = [1, 2, 3]\nmiddle = 1\n",
-                "middle",
-            ),
-            (
-                &format!("{background}[camera]\nheading_deg = inf\n"),
+                &camera("heading_deg = inf"),
                 "camera.heading_deg is inf: it must be finite",
             ),
             (
-                &format!("{background}[camera]\nservo_step_deg = nan\n"),
+                &camera("servo_step_deg = nan"),
                 "camera.servo_step_deg is NaN",
             ),
+            (&lost, "camera.height is NaN"),
+            (&object(""), "object 1 has no stops"),
             (
-                &format!(
-                    "{background}[camera]\nheight = nan\n[[object]]\ncolour = [1, 2, 3]\n\
-                     stops = [{{ x = 1, y = 1, radius = 1 }}]\n"
-                ),
-                "camera.height is NaN",
+                &object("{ x = 1, y = 1, radius = 1 }, { at = 1, bearing_deg = 1, size_deg = 1 }"),
+                "not of one form",
             ),
+            (
+                &object("{ x = 1, y = 1, radius = 1, hieght = 0.3 }"),
+                "unknown field `hieght`",
+            ),
+            (
+                &object("{ x = 1, y = 1, radius = -1 }"),
+                "stop 1 of object 1 has a size or radius that is not above 0",
+            ),
+            (
+                &object("{ picture = [0.5, 0.5], size = [0.1, 0.0] }"),
+                "not above 0",
+            ),
+            (&object("{ x = 1, y = 1 }"), "has no `radius`"),
+            (
+                &object("{ x = 1, y = 1, radius = 1, size_deg = 2 }"),
+                "more than one place",
+            ),
+            (&object("{ at = 1 }"), "no place"),
         ] {
             let error = read(text).unwrap_err();
             assert!(error.contains(part), "{error}");

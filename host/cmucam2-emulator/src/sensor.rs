@@ -19,13 +19,16 @@ pub struct Size {
 }
 
 impl Size {
+    pub(super) const fn new(width: u8, height: u8) -> Self {
+        Self { width, height }
+    }
+
     /// The frame of a sensor. Only the OV6620 has a high resolution.
     pub const fn of(sensor: Sensor, high_resolution: bool) -> Self {
-        let (width, height) = match (sensor, high_resolution) {
-            (Sensor::Ov6620, false) => (88, 143),
-            (Sensor::Ov6620, true) => (176, 255),
-            (Sensor::Ov7620, _) => (160, 239),
-        };
-        Self { width, height }
+        match (sensor, high_resolution) {
+            (Sensor::Ov6620, false) => Self::new(88, 143),
+            (Sensor::Ov6620, true) => Self::new(176, 255),
+            (Sensor::Ov7620, _) => Self::new(160, 239),
+        }
     }
 }

@@ -213,10 +213,7 @@ mod tests {
             };
             let layout = Layout {
                 picture: [u16::from(COLUMNS), u16::from(ROWS)],
-                frame: Size {
-                    width: COLUMNS,
-                    height: ROWS,
-                },
+                frame: Size::new(COLUMNS, ROWS),
                 down_sampling: [1; 2],
                 luminance_chrominance: numbers.below(5) == 0,
                 difference: numbers.below(5) == 0,

@@ -139,6 +139,11 @@ impl MockUart {
         assert!(left.is_empty(), "never sent: {left:?}");
     }
 
+    /// Number of exchanges that were not played yet.
+    pub(crate) fn left(&self) -> usize {
+        self.0.script.borrow().len()
+    }
+
     /// From now on nothing is answered.
     pub(crate) fn unplug(&self) {
         self.0.deaf.set(true);

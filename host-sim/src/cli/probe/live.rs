@@ -9,10 +9,11 @@ use cmucam2_driver::session::Fault;
 use host_sim::probe::{
     View,
     display::{Counters, Garbled, PacketLine, Screen, Tally},
+    port::Clock,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::{Bench, Look, is_interruption, tell};
+use super::{Arguments, Bench, Look, is_interruption, tell};
 
 /// Output of packets.
 enum Output {
@@ -73,47 +74,56 @@ impl Output {
     }
 }
 
-/// Prints packets until there are enough, time is up, or Ctrl-C.
-pub(super) fn run(bench: &mut Bench<'_>) -> anyhow::Result<()> {
-    let arguments = bench.arguments;
+/// Calls `next` with the time so far until it has printed enough packets, time is up, or Ctrl-C: it tells whether it
+/// has printed one.
+pub(super) fn until_enough(
+    arguments: &Arguments,
+    clock: &Clock,
+    mut next: impl FnMut(&dyn Fn() -> Duration) -> anyhow::Result<bool>,
+) -> anyhow::Result<()> {
     let time = arguments
         .seconds
         .map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
-    let output = Output::new(arguments.json);
-    let clock = bench.clock.clone();
     let begin = clock.now();
     let elapsed = || clock.now().saturating_sub(begin);
+    let mut printed = 0;
+    while arguments.count.is_none_or(|count| printed < count)
+        && time.is_none_or(|time| elapsed() < time)
+    {
+        match next(&elapsed) {
+            Ok(is_printed) => printed += u64::from(is_printed),
+            Err(error) if is_interruption(&error) => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+/// Prints packets.
+pub(super) fn run(bench: &mut Bench<'_>) -> anyhow::Result<()> {
+    let arguments = bench.arguments;
+    let output = Output::new(arguments.json);
+    let clock = bench.clock.clone();
     let before = Counters::of(bench.camera.session());
     let mut tally = Tally::default();
-    let ended = loop {
-        if arguments
-            .count
-            .is_some_and(|count| tally.packets() >= count)
-            || time.is_some_and(|time| elapsed() >= time)
-        {
-            break Ok(());
-        }
-        let tracking = match bench.look() {
-            Ok(Look::Packet(tracking)) => tracking,
-            Ok(Look::Quiet) => continue,
-            Ok(Look::Restarted) => {
+    let ended = until_enough(arguments, &clock, |elapsed| {
+        let tracking = match bench.look()? {
+            Look::Packet(tracking) => tracking,
+            Look::Quiet => return Ok(false),
+            Look::Restarted => {
                 output.tell(&Fault::Restarted.to_string());
-                continue;
+                return Ok(false);
             }
-            Err(error) if is_interruption(&error) => break Ok(()),
-            Err(error) => break Err(error),
         };
         let after = elapsed();
         if let Some(remark) = bench.remark(&tracking) {
             output.tell(&remark);
         }
         tally.add(after, &tracking);
-        output.packet(
-            &PacketLine::new(after, &tracking, &bench.view),
-            &bench.view,
-            &tally,
-        )?;
-    };
+        let line = PacketLine::new(after, &tracking, &bench.view);
+        output.packet(&line, &bench.view, &tally)?;
+        Ok(true)
+    });
     output.finish()?;
     let after = Counters::of(bench.camera.session());
     let garbled = Garbled { before, after };

@@ -4,7 +4,6 @@
 use std::{
     io::{self, Write},
     path::Path,
-    time::Duration,
 };
 
 use anyhow::{anyhow, bail};
@@ -28,7 +27,7 @@ use pixy_driver::{
 use serde::Serialize;
 
 use super::{
-    Arguments, KindOption, Person, is_interruption, stops,
+    Arguments, KindOption, Person, live, stops,
     stops::{NotSeen, Watches},
     tell,
 };
@@ -202,21 +201,8 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
     let frames = usize::from(Patience::default().frames);
     let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, model.size()[0], shape);
     let clock = bench.clock.clone();
-    let begin = clock.now();
-    let elapsed = || clock.now().saturating_sub(begin);
-    let time = arguments
-        .seconds
-        .map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
-    let mut told = 0;
-    while arguments.count.is_none_or(|count| told < count)
-        && time.is_none_or(|time| elapsed() < time)
-    {
-        let blocks = match bench.blocks() {
-            Ok(blocks) => blocks,
-            Err(error) if is_interruption(&error) => break,
-            Err(error) => return Err(error),
-        };
-        told += 1;
+    live::until_enough(arguments, &clock, |elapsed| {
+        let blocks = bench.blocks()?;
         let steady = steadiness.push(blob(model, &blocks));
         let bearing = steady
             .as_ref()
@@ -237,7 +223,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
         if arguments.json {
             serde_json::to_writer(&mut out, &line)?;
             writeln!(out)?;
-            continue;
+            return Ok(true);
         }
         write!(out, "{:8.3} s  ", line.seconds)?;
         match largest {
@@ -256,11 +242,8 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             _ => writeln!(out)?,
         }
         out.flush()?;
-    }
-    if told > 0 && arguments.json {
-        io::stdout().flush()?;
-    }
-    Ok(())
+        Ok(true)
+    })
 }
 
 /// Finds the camera at one of the rates.

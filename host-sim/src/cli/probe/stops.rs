@@ -141,14 +141,13 @@ impl Watches for Tracking<'_, '_> {
     }
 
     fn begin(&mut self) -> anyhow::Result<()> {
-        let started = self.bench.camera.track_colour(self.bounds).wait();
-        started.map_err(|error| self.bench.failed(error))
+        let bounds = self.bounds;
+        self.bench.ask(|camera| camera.track_colour(bounds).wait())
     }
 
     /// Leaves the camera idle.
     fn end(&mut self) -> anyhow::Result<()> {
-        let stopped = self.bench.camera.stop().wait();
-        stopped.map_err(|error| self.bench.failed(error))
+        self.bench.ask(|camera| camera.stop().wait())
     }
 
     fn next(

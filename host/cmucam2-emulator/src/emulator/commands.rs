@@ -5,15 +5,12 @@ use crate::{
     colour::Bounds,
     command::{Command, Refusal},
     differencing::Grid,
-    modes::{RawMode, ServoAxis, ServoMask, ServoPin},
+    modes::servo_position,
     sensor::Sensor,
-    statistics::BINS,
 };
 
 /// Margin of `TW` to either side of the mean, unless the command gives one.
 const LEARN_MARGIN: u8 = 30;
-/// Bins that the numbers 0, 1 and 2 of `HC` select, if they do not mean themselves.
-const SELECTED_BINS: [u8; 3] = [BINS, BINS / 2, BINS / 4];
 
 impl Emulator {
     /// A carriage return of its own.
@@ -50,7 +47,7 @@ impl Emulator {
     }
 
     fn refuse(&mut self) {
-        if !self.modes.raw.suppresses_replies() {
+        if !self.modes.suppresses_replies() {
             self.say_line(b"NCK");
         }
         self.prompt();
@@ -74,7 +71,7 @@ impl Emulator {
 
     fn values(&mut self, values: &[u8]) {
         self.acknowledge();
-        if self.modes.raw.output() && self.switches().raw_values == 1 {
+        if self.modes.raw_output() && self.switches().raw_values == 1 {
             let mut bytes = vec![0xFF];
             bytes.extend(values.iter().map(|value| value.min(&254)));
             self.say(&bytes);
@@ -96,7 +93,7 @@ impl Emulator {
         let stream = Stream {
             source,
             next_at: self.next_frame_from(source, now.max(self.wire.free_at())),
-            single: self.modes.poll || one_packet,
+            single: self.modes.is_on(b"PM") || one_packet,
             learn,
             lost: None,
         };
@@ -110,7 +107,7 @@ impl Emulator {
                 self.values(&[u8::from(pressed)]);
             }
             (b"GI", _) => self.values(&[self.inputs]),
-            (b"GS", &[servo]) => self.values(&[self.modes.servo_value(usize::from(servo))]),
+            (b"GS", &[servo]) => self.values(&[self.modes.servos[usize::from(servo)]]),
             (b"GT", _) => {
                 let [a, b, c, d, e, f] = self.modes.bounds.0;
                 if self.switches().bounds_order == 0 {
@@ -171,7 +168,7 @@ impl Emulator {
                 self.done();
             }
             (b"RF", _) => {
-                if self.modes.buffer {
+                if self.modes.is_on(b"BM") {
                     self.held = None;
                     self.held = Some(self.capture(now));
                 }
@@ -194,7 +191,7 @@ impl Emulator {
     }
 
     pub(super) fn uploaded(&mut self, blocks: &[u8; 64]) {
-        self.reference = Grid::uploaded(blocks, self.modes.fine_grid);
+        self.reference = Grid::uploaded(blocks, self.modes.is_on(b"HD"));
         self.activity = Activity::Command;
         if self.switches().upload_ack == 1 {
             self.acknowledge();
@@ -212,19 +209,16 @@ impl Emulator {
     fn set(&mut self, command: &Command, now: Time) {
         // Until now the sensor has adapted by its former settings.
         self.adapt(now);
+        let grid_was_fine = self.modes.is_on(b"HD");
+        self.modes.tell(command);
         let modes = &mut self.modes;
-        let arguments = &command.arguments[..];
-        let first = arguments.first().copied().unwrap_or(0);
-        let on = first != 0;
-        match (&command.letters, arguments) {
-            (b"BM", _) => {
-                modes.buffer = on;
+        match (&command.letters, &command.arguments[..]) {
+            (b"BM", &[on]) => {
                 self.held = None;
-                if on {
+                if on != 0 {
                     self.held = Some(self.capture(now));
                 }
             }
-            (b"CP", _) => modes.power = on,
             (b"CR", pairs) => {
                 if pairs.is_empty() {
                     modes.reset_registers();
@@ -233,80 +227,38 @@ impl Emulator {
                     modes.set_register(pair[0], pair[1]);
                 }
             }
-            (b"CT", _) => {
-                modes.sensor = if on { Sensor::Ov7620 } else { Sensor::Ov6620 };
-                modes.window = None;
-            }
-            (b"DC", _) => modes.difference_channel = first,
-            (b"DS", &[x, y]) => {
-                modes.down_sampling = [x, y];
-                modes.window = None;
-            }
-            (b"FS", _) => modes.frame_stream = on,
-            (b"HC", more) => {
-                modes.histogram_bins = if self.configuration.switches.histogram_bins == 1 {
-                    first.clamp(1, BINS)
+            (b"CT", &[second]) => {
+                modes.sensor = if second != 0 {
+                    Sensor::Ov7620
                 } else {
-                    SELECTED_BINS[usize::from(first).min(SELECTED_BINS.len() - 1)]
+                    Sensor::Ov6620
                 };
-                modes.histogram_scale = more.get(1).copied().unwrap_or(0);
+                modes.open_window();
             }
-            (b"HD", _) if modes.fine_grid != on => {
-                modes.fine_grid = on;
-                self.reference = Grid::dark(on);
+            (b"DS" | b"HR", _) => modes.open_window(),
+            (b"HD", &[fine]) if (fine != 0) != grid_was_fine => {
+                self.reference = Grid::dark(fine != 0);
                 self.masked.clear();
             }
-            (b"HR", _) => {
-                modes.high_resolution = on;
-                modes.window = None;
-            }
-            (b"HT", _) => modes.histogram_tracked = on,
-            (b"L0", _) => modes.leds[0] = first,
-            (b"L1", _) => modes.leds[1] = first,
             (b"LM", &[kind, mode]) => modes.line_modes[usize::from(kind)] = mode,
-            (b"NF", _) => modes.noise_filter = first,
-            (b"OM", &[0, mask]) => modes.tracking_mask = mask,
-            (b"OM", &[_, mask]) => modes.statistics_mask = mask,
-            (b"PD", _) => modes.pixel_difference = on,
-            (b"PF", _) => modes.packet_filter = on,
-            (b"PM", _) => modes.poll = on,
-            (b"PS", _) => modes.packet_skip = first,
-            (b"RM", _) => {
-                modes.raw = RawMode(first);
-                self.raw_input.clear();
-            }
-            (b"SM", _) => modes.servo_mask = ServoMask(first),
-            (b"SO", &[servo, high]) => {
-                modes.servos[usize::from(servo)] = ServoPin::Output(high != 0);
-            }
-            (b"SP", axes) => {
-                for (axis, numbers) in modes
-                    .servo_axes
-                    .iter_mut()
-                    .zip(axes.as_chunks::<3>().0.iter())
-                {
-                    *axis = ServoAxis {
-                        far: numbers[0],
-                        near: numbers[1],
-                        step: numbers[2],
-                    };
-                }
-            }
-            (b"SV", &[servo, position]) => {
-                modes.servos[usize::from(servo)] = ServoPin::at(position);
-            }
+            (b"OM", &[kind, mask]) => modes.masks[usize::from(kind)] = mask,
+            (b"RM", _) => self.raw_input.clear(),
+            (b"SO", &[servo, high]) => modes.servos[usize::from(servo)] = high,
+            (b"SV", &[servo, to]) => modes.servos[usize::from(servo)] = servo_position(to),
             (b"ST", bounds) => self.set_bounds(bounds),
-            (b"TI", _) => modes.invert = on,
-            (b"VW", window) => modes.window = window.try_into().ok(),
-            // All others are executed, not set, or set already.
             _ => {}
         }
     }
 
     fn grid(&mut self, now: Time) -> Grid {
         let snapshot = self.capture(now);
-        let channel = self.modes.difference_channel;
+        let channel = self.modes.number(b"DC");
         let region = self.modes.region(self.switches());
-        Grid::of(&self.view(&snapshot), region, channel, self.modes.fine_grid)
+        Grid::of(
+            &self.view(&snapshot),
+            region,
+            channel,
+            self.modes.is_on(b"HD"),
+        )
     }
 }

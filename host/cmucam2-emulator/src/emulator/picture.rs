@@ -7,7 +7,7 @@ use crate::noise::mix;
 use crate::{
     blob::Filter,
     colour::Colour,
-    modes::{ServoPin, register},
+    modes::register,
     scene::{Background, Extent, Patch, Scene, Shape},
     sensor::Sensor,
     view::{Layout, Snapshot, View},
@@ -25,14 +25,14 @@ impl Emulator {
     pub(super) fn adapt(&mut self, now: Time) {
         let (gain, white) = (self.modes.auto_gain(), self.modes.auto_white_balance());
         let scene = &self.scene;
-        let lit = self.modes.power;
+        let lit = self.modes.is_on(b"CP");
         self.light
             .adapt(now, gain && lit, white && lit, || mean(scene, now));
     }
 
     /// The frame at this time, or the one that buffer mode holds.
     pub(super) fn capture(&mut self, now: Time) -> Snapshot {
-        if let (true, Some(held)) = (self.modes.buffer, &self.held) {
+        if let (true, Some(held)) = (self.modes.is_on(b"BM"), &self.held) {
             return held.clone();
         }
         self.adapt(now);
@@ -74,7 +74,7 @@ impl Emulator {
             }),
             contrast: f64::from(self.modes.register(register::CONTRAST)) / NEUTRAL,
             brightness: f64::from(self.modes.register(register::BRIGHTNESS)) - NEUTRAL,
-            dark: !self.modes.power,
+            dark: !self.modes.is_on(b"CP"),
             seed,
         }
     }
@@ -86,8 +86,9 @@ impl Emulator {
             return;
         }
         let steps = |servo: usize| match self.modes.servos[servo] {
-            ServoPin::Position(position) => f64::from(position) - 128.0,
-            ServoPin::Output(_) => 0.0,
+            // An output.
+            0 | 1 => 0.0,
+            position => f64::from(position) - 128.0,
         };
         for patch in patches {
             patch.extent = patch.extent.moved(-step * steps(0), step * steps(1));
@@ -132,7 +133,7 @@ impl Emulator {
     fn layout(&self) -> Layout {
         let modes = &self.modes;
         let switches = self.switches();
-        let picture = match (modes.sensor, modes.high_resolution) {
+        let picture = match (modes.sensor, modes.is_on(b"HR")) {
             (Sensor::Ov6620, false) => [88, 143],
             (Sensor::Ov6620, true) => [176, HIGH_RESOLUTION_ROWS],
             (Sensor::Ov7620, _) => [160, 239],
@@ -140,9 +141,9 @@ impl Emulator {
         Layout {
             picture,
             frame: modes.frame(switches),
-            down_sampling: modes.down_sampling,
+            down_sampling: modes.down_sampling(),
             luminance_chrominance: modes.luminance_chrominance(),
-            difference: modes.pixel_difference,
+            difference: modes.is_on(b"PD"),
         }
     }
 
@@ -153,8 +154,8 @@ impl Emulator {
     pub(super) fn filter(&self) -> Filter {
         Filter {
             bounds: self.modes.bounds,
-            invert: self.modes.invert,
-            run: self.modes.noise_filter,
+            invert: self.modes.is_on(b"TI"),
+            run: self.modes.number(b"NF"),
             tail_only: self.switches().noise_run == 1,
         }
     }

@@ -6,7 +6,7 @@ use crate::{
     colour::Bounds,
     differencing::Grid,
     frame_dump,
-    modes::{ServoAxis, ServoPin},
+    modes::servo_position,
     packet::Packet,
     statistics::{Levels, Statistics},
     view::Snapshot,
@@ -48,7 +48,7 @@ impl Emulator {
         };
         let first_counts = self.switches().filter_first == 1;
         let skip = lost && stream.lost.unwrap_or(!first_counts);
-        if !(self.modes.packet_filter && skip) {
+        if !(self.modes.is_on(b"PF") && skip) {
             for row in self.rows_before(stream.source, &snapshot) {
                 self.say(&row);
             }
@@ -62,7 +62,7 @@ impl Emulator {
             self.activity = Activity::Command;
             return self.prompt();
         }
-        let skipped = u64::from(self.modes.packet_skip) * self.frame_time(stream.source);
+        let skipped = u64::from(self.modes.number(b"PS")) * self.frame_time(stream.source);
         stream.next_at =
             self.next_frame_from(stream.source, (now + skipped + 1).max(self.wire.free_at()));
         self.activity = Activity::Stream(stream);
@@ -71,7 +71,7 @@ impl Emulator {
     fn send_packet(&mut self, packet: Packet) {
         let other = packet.letter != b'T';
         let raw =
-            self.modes.raw.output() && !(other && self.configuration.switches.raw_packets == 0);
+            self.modes.raw_output() && !(other && self.configuration.switches.raw_packets == 0);
         let line = if raw { packet.raw() } else { packet.line() };
         let mut bytes = &line[..];
         if self.faults.cut.strikes() {
@@ -105,8 +105,8 @@ impl Emulator {
                 frame_dump::means(&view(), region, statistics == 2, height)
             }
             (Source::Difference(threshold), _, _, 1 | 2) => {
-                let channel = self.modes.difference_channel;
-                let now = Grid::of(&view(), region, channel, self.modes.fine_grid);
+                let channel = self.modes.number(b"DC");
+                let now = Grid::of(&view(), region, channel, self.modes.is_on(b"HD"));
                 if differencing == 2 {
                     return frame_dump::deltas(&now, &self.reference);
                 }
@@ -139,7 +139,7 @@ impl Emulator {
 
     fn statistics_packet(&self, statistics: &Statistics) -> Packet {
         let numbers = [statistics.mean.levels(), statistics.deviation.levels()];
-        Packet::masked(b'S', numbers.as_flattened(), self.modes.statistics_mask)
+        Packet::masked(b'S', numbers.as_flattened(), self.modes.masks[1])
     }
 
     /// The packet, and true if nothing is tracked.
@@ -150,32 +150,32 @@ impl Emulator {
         let frame = view.frame();
         let pixels = blob::pixels(blob.count());
         let numbers = blob.numbers(self.corner(), self.switches().origin, pixels);
-        let mut packet = Packet::masked(b'T', &numbers, self.modes.tracking_mask);
-        let mask = self.modes.servo_mask;
-        let reported = (0..2).filter(|&servo| mask.reports(servo));
-        packet
-            .numbers
-            .extend(reported.map(|servo| self.modes.servo_value(usize::from(servo))));
+        let mut packet = Packet::masked(b'T', &numbers, self.modes.masks[0]);
+        let reported = (0..2).filter(|&servo| self.modes.reports(servo));
+        let position = |servo| self.modes.servos[usize::from(servo)];
+        packet.numbers.extend(reported.map(position));
         if let Some((x, y)) = blob.middle() {
-            let [pan, tilt] = self.modes.servo_axes;
-            if mask.controls(0) {
-                self.follow(0, pan, i16::from(x) - i16::from(frame.width / 2));
-            }
-            if mask.controls(1) {
-                self.follow(1, tilt, i16::from(frame.height / 2) - i16::from(y));
-            }
+            self.follow(0, i16::from(x) - i16::from(frame.width / 2));
+            self.follow(1, i16::from(frame.height / 2) - i16::from(y));
         }
         (packet, numbers == [0; 8])
     }
 
-    /// Turns a servo towards a target that is so many pixels off.
-    fn follow(&mut self, servo: usize, axis: ServoAxis, off: i16) {
-        let ServoPin::Position(position) = self.modes.servos[servo] else {
+    /// Turns a servo that the camera controls towards a target that is so many pixels off: beyond `far` pixels from
+    /// the middle by `step`, beyond `near` by half of that.
+    fn follow(&mut self, servo: u8, off: i16) {
+        let axes = self.modes.told(b"SP").as_chunks::<3>().0;
+        let (position, axis) = (
+            self.modes.servos[usize::from(servo)],
+            axes.get(usize::from(servo)),
+        );
+        let (true, 2.., Some(&[far, near, step])) = (self.modes.controls(servo), position, axis)
+        else {
             return;
         };
         let step = match off.unsigned_abs() {
-            far if far > u16::from(axis.far) => axis.step,
-            near if near > u16::from(axis.near) => axis.step / 2,
+            pixels if pixels > u16::from(far) => step,
+            pixels if pixels > u16::from(near) => step / 2,
             _ => 0,
         };
         let next = if off > 0 {
@@ -184,15 +184,20 @@ impl Emulator {
             position.saturating_sub(step)
         };
         // At the end of its travel it stays.
-        if ServoPin::at(next) == ServoPin::Position(next) {
-            self.modes.servos[servo] = ServoPin::Position(next);
+        if servo_position(next) == next {
+            self.modes.servos[usize::from(servo)] = next;
         }
     }
 
     fn compare(&mut self, snapshot: &Snapshot, threshold: u8) -> (Packet, bool) {
         let region = self.modes.region(self.switches());
-        let channel = self.modes.difference_channel;
-        let now = Grid::of(&self.view(snapshot), region, channel, self.modes.fine_grid);
+        let channel = self.modes.number(b"DC");
+        let now = Grid::of(
+            &self.view(snapshot),
+            region,
+            channel,
+            self.modes.is_on(b"HD"),
+        );
         let blob = now.blob(&self.reference, &self.masked, threshold);
         let pixels = if self.switches().difference_pixels == 1 {
             blob::pixels(blob.count())
@@ -200,7 +205,7 @@ impl Emulator {
             u8::try_from(blob.count()).unwrap_or(u8::MAX)
         };
         let numbers = blob.numbers((0, 0), self.switches().origin, pixels);
-        let packet = Packet::masked(b'T', &numbers, self.modes.tracking_mask);
+        let packet = Packet::masked(b'T', &numbers, self.modes.masks[0]);
         (packet, numbers == [0; 8])
     }
 
@@ -213,12 +218,12 @@ impl Emulator {
     fn count(&self, snapshot: &Snapshot, channel: u8) -> Packet {
         let region = self.modes.region(self.switches());
         let view = self.view(snapshot);
-        let levels = if self.modes.histogram_tracked {
+        let levels = if self.modes.is_on(b"HT") {
             Levels::of_tracked(&view, region, &self.filter())
         } else {
             Levels::of(&view, region)
         };
-        let (bins, scale) = (self.modes.histogram_bins, self.modes.histogram_scale);
+        let (bins, scale) = self.modes.histogram(self.switches());
         Packet {
             letter: b'H',
             numbers: levels.histogram(channel, bins, scale),
@@ -277,11 +282,11 @@ impl Emulator {
             return;
         }
         self.say(&[frame_dump::END]);
-        if self.modes.frame_stream && !dump.stopped {
+        if self.modes.is_on(b"FS") && !dump.stopped {
             return self.dump_next_frame(dump.channel, now);
         }
         self.prompt();
-        if dump.stopped && !self.modes.frame_stream {
+        if dump.stopped && !self.modes.is_on(b"FS") {
             // The carriage return has waited; it finds the camera idle.
             self.acknowledge();
             self.prompt();

@@ -97,7 +97,7 @@ impl Emulator {
     }
 
     pub(super) fn type_in(&mut self, byte: u8, now: Time) {
-        if self.modes.raw.input() {
+        if self.modes.raw_input() {
             return match self.raw_input.push(byte) {
                 RawHeard::Partial => {}
                 RawHeard::Idle => self.idle(),
@@ -109,7 +109,7 @@ impl Emulator {
                 let line = std::mem::take(&mut self.line);
                 match Command::read(&line) {
                     Err(_) if let Some(blocks) = uploaded(&line) => {
-                        self.reference = Grid::uploaded(blocks, self.modes.fine_grid);
+                        self.reference = Grid::uploaded(blocks, self.modes.is_on(b"HD"));
                         self.idle();
                     }
                     Ok(None) => self.idle(),
@@ -144,7 +144,7 @@ impl Emulator {
     }
 
     pub(super) fn acknowledge(&mut self) {
-        if self.modes.raw.suppresses_replies() {
+        if self.modes.suppresses_replies() {
             return;
         }
         if std::mem::take(&mut self.is_late) {

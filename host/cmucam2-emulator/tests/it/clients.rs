@@ -20,9 +20,9 @@
 
 use std::collections::VecDeque;
 
-use cmucam2_emulator::{Configuration, Emulator};
+use cmucam2_emulator::Emulator;
 
-use crate::support::{MILLISECOND, SECOND, orange_box};
+use crate::support::{MILLISECOND, SECOND, orange_box, with};
 
 /// The longest time that a program waits for a byte.
 const PATIENCE: u64 = 10 * SECOND;
@@ -34,7 +34,7 @@ struct Client {
     heard: VecDeque<u8>,
 }
 
-fn bytes(text: &str) -> Vec<u8> {
+pub(crate) fn bytes(text: &str) -> Vec<u8> {
     let mut out = Vec::new();
     let mut rest = text.bytes();
     while let Some(byte) = rest.next() {
@@ -58,11 +58,10 @@ fn bytes(text: &str) -> Vec<u8> {
 impl Client {
     /// At a camera that was switched on a while ago, and has received nothing since.
     fn new(baud: u32) -> Self {
-        let configuration = Configuration {
-            baud,
-            host_baud: baud,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.baud = baud;
+            it.host_baud = baud;
+        });
         let mut client = Self {
             camera: Emulator::new(configuration, orange_box([30, 49], [40, 79])),
             now: 0,

@@ -15,10 +15,10 @@ use cmucam2_driver::{
     servo::{Servo, ServoAxis, ServoMask, ServoParameters, ServoPosition},
     session::{Answer, Learn, Request, StartUp},
 };
-use cmucam2_emulator::{Configuration, Note, Switches};
+use cmucam2_emulator::{Note, Switches};
 use cmucam2_pair::Link;
 
-use crate::support::{SECOND, driver, orange, orange_box};
+use crate::support::{self, driver, orange, orange_box};
 
 /// The target, counted from 0, both ends inside.
 const COLUMNS: [u8; 2] = [30, 49];
@@ -213,14 +213,14 @@ fn steps() -> Vec<(Request, Expect)> {
         (
             means(StatisticsLines::Means),
             Command::GetMean,
-            ImageKind::Means,
+            ImageKind::Means(3),
             3,
             means(StatisticsLines::Off),
         ),
         (
             means(StatisticsLines::MeansAndDeviations),
             Command::GetMean,
-            ImageKind::Means,
+            ImageKind::Means(6),
             6,
             means(StatisticsLines::Off),
         ),
@@ -431,11 +431,10 @@ fn read_image(link: &mut Link, kind: ImageKind, row_bytes: u16, narrow: u8) -> R
 
 /// All steps with one camera; returns the letters that it was sent.
 fn run(switches: Switches) -> Result<BTreeSet<[u8; 2]>, String> {
-    let configuration = Configuration {
-        switches,
-        watched: true,
-        ..Configuration::default()
-    };
+    let configuration = support::with(|it| {
+        it.switches = switches;
+        it.watched = true;
+    });
     let mut link = driver(configuration, orange_box(COLUMNS, ROWS));
     let mut letters = BTreeSet::new();
     for (request, expect) in steps() {
@@ -500,50 +499,6 @@ fn the_driver_understands_every_position_of_every_switch() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-/// The thesis's start-up on the line (Appendix A): reset, adapt, freeze, learn, track.
-#[test]
-fn the_start_up_is_these_commands() {
-    let configuration = Configuration {
-        watched: true,
-        ..Configuration::default()
-    };
-    let mut link = driver(configuration, orange_box([10, 77], [10, 132]));
-    link.ask(Request::StartUp(StartUp::default())).unwrap();
-    let learn = Request::Learn {
-        how: Learn::TrackWindow,
-        track: true,
-    };
-    let Ok(Answer::Bounds(bounds)) = link.ask(learn) else {
-        panic!("nothing learned");
-    };
-    let sent: Vec<String> = std::iter::from_fn(|| link.camera.take_note())
-        .filter_map(|note| match note {
-            Note::Command(command) => Some(command.to_string()),
-            _ => None,
-        })
-        .collect();
-    let light = |auto| {
-        Command::Registers(Registers::two(
-            Register::colour_mode(ColourMode::Rgb, auto),
-            Register::auto_gain(auto),
-        ))
-    };
-    let commands = [
-        Command::Reset,
-        light(true),
-        light(false),
-        Command::TrackWindow,
-        Command::GetTrackingBounds,
-        Command::TrackColour(Some(bounds)),
-    ];
-    let lines = commands.map(|command| {
-        let line = command.line();
-        String::from_utf8_lossy(line.as_bytes().trim_ascii_end()).into_owned()
-    });
-    assert_eq!(sent, lines);
-    assert!(link.now() > 6 * SECOND, "it adapts for five seconds");
 }
 
 /// All switches at once in a position that is not the default. A version that ends in neither a

@@ -16,7 +16,7 @@ use cmucam2_pair::Link;
 
 use std::sync::Arc;
 
-use crate::support::{ORANGE, SECOND, command, driver, orange, orange_box};
+use crate::support::{ORANGE, SECOND, command, driver, orange, orange_box, tracking, with};
 
 fn contains(bounds: ColourBounds, colour: Colour) -> bool {
     let [red, green, blue] = colour.levels();
@@ -59,12 +59,9 @@ fn frozen(configuration: Configuration, scene: Scene) -> Link {
 fn tracked(link: &mut Link, start: Command) -> (Tracking, Vec<Vec<Colour>>) {
     command(link, Command::BufferMode(true)).unwrap();
     let picture = link.camera.picture(link.now());
-    let answer = command(link, start).unwrap();
+    let answer = command(link, start);
     command(link, Command::BufferMode(false)).unwrap();
-    match answer {
-        Answer::Packet(Packet::Tracking(tracking)) => (tracking, picture),
-        other => panic!("{other:?}"),
-    }
+    (tracking(answer), picture)
 }
 
 /// The fields of a T packet by counting, columns and rows from 1; runs shorter than `run` do not
@@ -130,14 +127,10 @@ fn every_sensor_and_resolution_shows_the_same_scene() {
         (Sensor::Ov6620, true),
         (Sensor::Ov7620, false),
     ] {
-        let configuration = Configuration {
-            sensor,
-            switches: Switches {
-                narrow: 0,
-                ..Switches::default()
-            },
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.sensor = sensor;
+            it.switches.narrow = 0;
+        });
         let mut link = frozen(configuration, scene());
         if high_resolution {
             command(&mut link, Command::HighResolution(true)).unwrap();
@@ -317,23 +310,13 @@ fn rows_of(link: &mut Link, start: Command, length: usize) -> Vec<Vec<u8>> {
 
 #[test]
 fn a_frame_that_is_sent_is_the_picture() {
-    for switches in [
-        Switches::default(),
-        Switches {
-            narrow: 0,
-            first_row_mark: 1,
-            last_row_mark: 0,
-            ..Switches::default()
-        },
-        Switches {
-            row_marks: 0,
-            ..Switches::default()
-        },
-    ] {
-        let configuration = Configuration {
-            switches,
-            ..Configuration::default()
-        };
+    let marks: [fn(&mut Switches); 3] = [
+        |_| {},
+        |it| (it.narrow, it.first_row_mark, it.last_row_mark) = (0, 1, 0),
+        |it| it.row_marks = 0,
+    ];
+    for change in marks {
+        let configuration = with(|it| change(&mut it.switches));
         let mut link = frozen(configuration, room());
         command(&mut link, Command::BufferMode(true)).unwrap();
         let picture = link.camera.picture(link.now());
@@ -417,8 +400,8 @@ fn frame_differencing_sees_what_enters() {
         let mut link = frozen(Configuration::default(), Scene::default());
         command(&mut link, Command::HighResolutionDifference(fine)).unwrap();
         command(&mut link, Command::LoadFrame).unwrap();
-        let answer = command(&mut link, Command::FrameDifference(10)).unwrap();
-        assert_eq!(answer, Answer::Packet(Packet::Tracking(Tracking::LOST)));
+        let compared = |link: &mut Link| tracking(command(link, Command::FrameDifference(10)));
+        assert_eq!(compared(&mut link), Tracking::LOST);
         *link.camera.scene_mut() = Scene {
             background: Background::Plain([110; 3]),
             ..Scene::with_object(
@@ -427,19 +410,13 @@ fn frame_differencing_sees_what_enters() {
                 Extent::of_pixels([33.0, 43.0], [54.0, 71.0], 88.0, 143.0),
             )
         };
-        let answer = command(&mut link, Command::FrameDifference(10)).unwrap();
-        assert_eq!(
-            answer,
-            Answer::Packet(Packet::Tracking(Tracking::new(expected)))
-        );
+        assert_eq!(compared(&mut link), Tracking::new(expected));
         command(&mut link, Command::MaskDifference(10)).unwrap();
-        let answer = command(&mut link, Command::FrameDifference(10)).unwrap();
-        assert_eq!(answer, Answer::Packet(Packet::Tracking(Tracking::LOST)));
+        assert_eq!(compared(&mut link), Tracking::LOST);
         // Only green has changed.
         command(&mut link, Command::DifferenceChannel(ColourChannel::Blue)).unwrap();
         command(&mut link, Command::MaskDifference(255)).unwrap();
-        let answer = command(&mut link, Command::FrameDifference(10)).unwrap();
-        assert_eq!(answer, Answer::Packet(Packet::Tracking(Tracking::LOST)));
+        assert_eq!(compared(&mut link), Tracking::LOST);
     }
 }
 
@@ -475,22 +452,14 @@ fn freezing_gain_and_white_balance_matters() {
 fn the_camera_follows_with_its_servos() {
     let mut scene = orange_box([70, 79], [60, 79]);
     scene.servo_step = 0.004;
-    let configuration = Configuration {
-        watched: true,
-        ..Configuration::default()
-    };
+    let configuration = with(|it| it.watched = true);
     let mut link = frozen(configuration, scene);
     let mask = cmucam2_driver::servo::ServoMask::new(0b0101).unwrap();
     command(&mut link, Command::ServoMask(mask)).unwrap();
     link.ask(Request::Start(Command::TrackColour(Some(orange())).into()))
         .unwrap();
-    let mut last = None;
-    for _ in 0..60 {
-        last = Some(link.ask(Request::Next).unwrap());
-    }
-    let Some(Answer::Packet(Packet::Tracking(tracking))) = last else {
-        panic!("{last:?}");
-    };
+    let seen = std::array::from_fn::<_, 60, _>(|_| tracking(link.ask(Request::Next)));
+    let tracking = seen[59];
     assert!(tracking.pan().unwrap() > 180, "{tracking:?}");
     assert!(
         tracking.centroid().unwrap().0.abs_diff(44) <= 9,
@@ -515,10 +484,7 @@ fn the_usual_scene_can_be_learned_and_tracked() {
         let how = Learn::TrackWindow;
         link.ask(Request::Learn { how, track: true }).unwrap();
         for _ in 0..300 {
-            let answer = link.ask(Request::Next);
-            let Ok(Answer::Packet(Packet::Tracking(tracking))) = answer else {
-                panic!("{answer:?}");
-            };
+            let tracking = tracking(link.ask(Request::Next));
             // A diameter of 0.5 at a focal length of 43.5 / tan 22.5 columns, and twice as many
             // rows, noise at the edge apart; pi / 4 of its box.
             let BoundingBox { x1, y1, x2, y2 } = tracking.bounding_box().unwrap();
@@ -556,12 +522,8 @@ fn is_tracked_after(change: [f64; 3], adapts_again: bool) -> bool {
     }
     command(&mut link, Command::PollMode(true)).unwrap();
     let adapted = ColourBounds::new([160, 240, 60, 175, 16, 120]).unwrap();
-    match command(&mut link, Command::TrackColour(Some(adapted))).unwrap() {
-        Answer::Packet(Packet::Tracking(tracking)) => {
-            tracking.pixels().is_some_and(|pixels| pixels > 0)
-        }
-        other => panic!("{other:?}"),
-    }
+    let seen = tracking(command(&mut link, Command::TrackColour(Some(adapted))));
+    seen.pixels().is_some_and(|pixels| pixels > 0)
 }
 
 #[test]
@@ -587,10 +549,7 @@ fn a_picture_is_seen_as_the_scene_it_shows() {
                 ..Scene::default()
             };
             let [a, b] = [drawn, filmed].map(|scene| {
-                let configuration = Configuration {
-                    sensor,
-                    ..Configuration::default()
-                };
+                let configuration = with(|it| it.sensor = sensor);
                 let mut link = frozen(configuration, scene);
                 let start = Command::TrackColour(Some(orange()));
                 tracked(&mut link, start).0.bounding_box().unwrap()

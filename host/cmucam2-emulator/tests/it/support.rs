@@ -3,9 +3,10 @@
 use cmucam2_driver::{
     colour::ColourBounds,
     command::Command,
+    packet::{Packet, Tracking},
     session::{Answer, Fault, Policy, Request},
 };
-use cmucam2_emulator::{Background, Configuration, Emulator, Extent, Scene, Shape, Switches};
+use cmucam2_emulator::{Background, Configuration, Emulator, Extent, Scene, Shape};
 use cmucam2_pair::Link;
 
 pub(crate) const SECOND: u64 = 1_000_000_000;
@@ -30,6 +31,13 @@ pub(crate) fn orange_box(columns: [u8; 2], rows: [u8; 2]) -> Scene {
     }
 }
 
+/// The usual camera but for this.
+pub(crate) fn with(change: impl FnOnce(&mut Configuration)) -> Configuration {
+    let mut configuration = Configuration::default();
+    change(&mut configuration);
+    configuration
+}
+
 /// A terminal that types and reads.
 pub(crate) struct Terminal {
     pub(crate) camera: Emulator,
@@ -45,14 +53,6 @@ impl Terminal {
         };
         terminal.read(SECOND);
         terminal
-    }
-
-    pub(crate) fn with_switches(switches: Switches, scene: Scene) -> Self {
-        let configuration = Configuration {
-            switches,
-            ..Configuration::default()
-        };
-        Self::new(configuration, scene)
     }
 
     /// Bytes that come within this time.
@@ -98,4 +98,11 @@ pub(crate) fn driver_with(configuration: Configuration, scene: Scene, policy: Po
 
 pub(crate) fn command(link: &mut Link, command: Command) -> Result<Answer, Fault> {
     link.ask(Request::Do(command.into()))
+}
+
+pub(crate) fn tracking(answer: Result<Answer, Fault>) -> Tracking {
+    match answer {
+        Ok(Answer::Packet(Packet::Tracking(tracking))) => tracking,
+        other => panic!("{other:?}"),
+    }
 }

@@ -4,7 +4,8 @@ use cmucam2_emulator::{Configuration, FaultRates, Sensor, Switches};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::support::{MILLISECOND, ORANGE_TC, SECOND, Terminal, orange_box};
+use crate::clients::bytes;
+use crate::support::{MILLISECOND, ORANGE_TC, SECOND, Terminal, orange_box, with};
 
 fn terminal() -> Terminal {
     let mut terminal = Terminal::new(Configuration::default(), orange_box([30, 49], [40, 79]));
@@ -12,85 +13,48 @@ fn terminal() -> Terminal {
     terminal
 }
 
+/// The file has dialogues, each with a name and a camera of its own that was started; `...` is whatever follows. Steps
+/// that begin with `!` are `switch NAME=VALUE`, before all others, `wait MS`, `button`, `inputs BITS`, and `box` with
+/// the columns and rows of what is before the camera.
 #[test]
-fn the_command_line() {
-    let mut terminal = terminal();
-    for (typed, read) in [
-        ("\r", "ACK\r:"),
-        ("GV\r", "ACK\rCMUcam2 v1.00 c6\r:"),
-        ("gv\r", "ACK\rCMUcam2 v1.00 c6\r:"),
-        ("gV \r", "ACK\rCMUcam2 v1.00 c6\r:"),
-        ("\n", ""),
-        ("XY\r", "NCK\r:"),
-        ("GV 1\r", "NCK\r:"),
-        ("TC 1 2 3\r", "NCK\r:"),
-        ("SV 0 300\r", "NCK\r:"),
-        ("GW\r", "ACK\r1 1 87 143\r:"),
-        ("VW 10 20 40 50\r", "ACK\r:"),
-        ("GW\r", "ACK\r10 20 40 50\r:"),
-        ("VW 10 20 200 200\r", "ACK\r:"),
-        ("GW\r", "ACK\r10 20 87 143\r:"),
-        ("VW\r", "ACK\r:"),
-        ("DS 2 3\r", "ACK\r:"),
-        ("GW\r", "ACK\r1 1 44 48\r:"),
-        ("DS 1 1\r", "ACK\r:"),
-        ("HR 1\r", "ACK\r:"),
-        ("GW\r", "ACK\r1 1 176 255\r:"),
-        ("HR 0\r", "ACK\r:"),
-        ("ST 30 60 90 120 150 180\r", "ACK\r:"),
-        ("GT\r", "ACK\r30 60 90 120 150 180\r:"),
-        ("GB\r", "ACK\r0\r:"),
-        ("GI\r", "ACK\r0\r:"),
-        ("GS 3\r", "ACK\r128\r:"),
-        ("SV 3 200\r", "ACK\r:"),
-        ("GS 3\r", "ACK\r200\r:"),
-        ("SO 3 1\r", "ACK\r:"),
-        ("GS 3\r", "ACK\r1\r:"),
-    ] {
-        assert_eq!(terminal.types(typed), read, "after {typed:?}");
+fn a_person_reads_these_answers() {
+    for dialogue in include_str!("terminal.txt").split("== ").skip(1) {
+        let lines = dialogue.lines().filter(|line| !line.is_empty());
+        let lines: Vec<_> = lines.filter(|line| !line.starts_with('#')).collect();
+        let switch = lines[1].strip_prefix("!switch ");
+        let change = |it: &mut Configuration| switch.map(|switch| it.switches.set_from(switch));
+        let camera = with(|it| change(it).unwrap_or(Ok(())).unwrap());
+        let mut terminal = Terminal::new(camera, orange_box([30, 49], [40, 79]));
+        terminal.freeze();
+        for line in &lines[1 + usize::from(switch.is_some())..] {
+            let (typed, expected) = line.split_once(" =>").unwrap_or((line, ""));
+            let words: Vec<_> = typed.split(' ').collect();
+            let number = |place: usize| words[place].parse().unwrap();
+            let read = match words[0] {
+                "!wait" => terminal.read(words[1].parse::<u64>().unwrap() * MILLISECOND),
+                "!button" => {
+                    terminal.camera.press_button();
+                    continue;
+                }
+                "!inputs" => {
+                    terminal.camera.set_inputs(number(1));
+                    continue;
+                }
+                "!box" => {
+                    let scene = orange_box([number(1), number(2)], [number(3), number(4)]);
+                    *terminal.camera.scene_mut() = scene;
+                    continue;
+                }
+                _ => terminal.bytes(&String::from_utf8(bytes(typed)).unwrap()),
+            };
+            let expected = expected.trim_start();
+            let is_right = match expected.strip_suffix("...") {
+                Some(beginning) => read.starts_with(&bytes(beginning)),
+                None => read == bytes(expected),
+            };
+            assert!(is_right, "{}, {line}: {}", lines[0], read.escape_ascii());
+        }
     }
-}
-
-/// The answers after a reset show that everything is back at the reference's defaults.
-#[test]
-fn a_reset_answers_with_a_banner_and_forgets_everything() {
-    let mut terminal = terminal();
-    for set in [
-        "VW 5 5 9 9\r",
-        "SV 1 60\r",
-        "OM 0 3\r",
-        "RM 1\r",
-        "PM 1\r",
-        "NF 9\r",
-    ] {
-        assert_eq!(terminal.types(set), "ACK\r:");
-    }
-    assert_eq!(terminal.types("RS\r"), "ACK\r");
-    assert_eq!(
-        terminal.types("GB\r"),
-        "",
-        "it does not answer while it starts"
-    );
-    assert_eq!(terminal.read(SECOND), b"CMUcam2 v1.00 c6\r:ACK\r0\r:");
-    assert_eq!(terminal.types("GW\r"), "ACK\r1 1 87 143\r:");
-    assert_eq!(terminal.types("GS 1\r"), "ACK\r128\r:");
-    assert_eq!(terminal.types("GT\r"), "ACK\r16 240 16 240 16 240\r:");
-    terminal.freeze();
-    let stream = terminal.types(ORANGE_TC);
-    assert!(
-        stream.starts_with("ACK\rT 40 60 31 41 50 80 100 255\rT "),
-        "{stream}"
-    );
-}
-
-#[test]
-fn inputs_and_the_button_are_read() {
-    let mut terminal = terminal();
-    terminal.camera.press_button();
-    terminal.camera.set_inputs(0b1010);
-    assert_eq!(terminal.types("GB\r"), "ACK\r1\r:");
-    assert_eq!(terminal.types("GB\r"), "ACK\r0\r:");
-    assert_eq!(terminal.types("GI\r"), "ACK\r10\r:");
 }
 
 /// 50 frames a second, and a T packet of 28 bytes takes 2.4 ms: a stop within one cuts it.
@@ -98,11 +62,8 @@ fn inputs_and_the_button_are_read() {
 fn a_stop_cuts_the_packet_under_way() {
     let packet = "T 40 60 31 41 50 80 100 255\r";
     for (within, answer) in [(1, "T 40 60 3:"), (0, "T 40 60 31 41 50 80 100 255\r:")] {
-        let switches = Switches {
-            stop_within_packet: within,
-            ..Switches::default()
-        };
-        let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+        let cuts = with(|it| it.switches.stop_within_packet = within);
+        let mut terminal = Terminal::new(cuts, orange_box([30, 49], [40, 79]));
         terminal.freeze();
         let mut heard = String::new();
         for byte in ORANGE_TC.bytes() {
@@ -118,69 +79,6 @@ fn a_stop_cuts_the_packet_under_way() {
         assert_eq!(String::from_utf8(terminal.read(SECOND)).unwrap(), answer,);
         assert_eq!(terminal.types("\r"), "ACK\r:");
     }
-}
-
-#[test]
-fn poll_mode_sends_one_packet_for_each_command() {
-    let mut terminal = terminal();
-    assert_eq!(terminal.types("PM 1\r"), "ACK\r:");
-    assert_eq!(
-        terminal.types(ORANGE_TC),
-        "ACK\rT 40 60 31 41 50 80 100 255\r:"
-    );
-    assert_eq!(
-        terminal.types("TC\r"),
-        "ACK\rT 40 60 31 41 50 80 100 255\r:"
-    );
-    assert_eq!(terminal.types("OM 0 3\r"), "ACK\r:");
-    assert_eq!(terminal.types("TC\r"), "ACK\rT 40 60\r:");
-    assert_eq!(terminal.types("SM 12\r"), "ACK\r:");
-    assert_eq!(terminal.types("TC\r"), "ACK\rT 40 60 128 128\r:");
-    assert_eq!(terminal.types("RM 1\r"), "ACK\r:");
-    assert_eq!(terminal.bytes("TC\r"), b"ACK\r\xFFT\x28\x3C\x80\x80:");
-}
-
-/// 255 is the mark of raw packets, so it is never a number in them.
-#[test]
-fn raw_numbers_stop_at_254() {
-    let mut terminal = terminal();
-    terminal.types("PM 1\r");
-    terminal.types("RM 1\r");
-    assert_eq!(
-        terminal.bytes(ORANGE_TC),
-        b"ACK\r\xFFT\x28\x3C\x1F\x29\x32\x50\x64\xFE:"
-    );
-}
-
-#[test]
-fn replies_can_be_suppressed_and_commands_be_raw() {
-    let mut terminal = terminal();
-    assert_eq!(terminal.types("RM 2\r"), ":");
-    assert_eq!(terminal.types("\r"), ":");
-    assert_eq!(terminal.types("XY\r"), ":");
-    assert_eq!(terminal.types("RM 4\r"), "ACK\r:");
-    assert_eq!(terminal.types("\r"), "ACK\r:");
-    assert_eq!(terminal.types("GS\x01\x03"), "ACK\r128\r:");
-    assert_eq!(terminal.types("XY\x00"), "NCK\r:");
-    assert_eq!(terminal.types("RM\x01\x00"), "ACK\r:");
-    assert_eq!(terminal.types("GB\r"), "ACK\r0\r:");
-}
-
-/// Buffer mode holds what was seen until `RF`.
-#[test]
-fn buffer_mode_holds_a_frame() {
-    let mut terminal = terminal();
-    terminal.types("PM 1\r");
-    assert_eq!(terminal.types("BM 1\r"), "ACK\r:");
-    *terminal.camera.scene_mut() = orange_box([10, 19], [10, 29]);
-    let held = "ACK\rT 40 60 31 41 50 80 100 255\r:";
-    assert_eq!(terminal.types(ORANGE_TC), held);
-    assert_eq!(terminal.types("TC\r"), held);
-    assert_eq!(terminal.types("RF\r"), "ACK\r:");
-    assert_eq!(terminal.types("TC\r"), "ACK\rT 15 20 11 11 20 30 25 255\r:");
-    *terminal.camera.scene_mut() = orange_box([50, 59], [10, 29]);
-    assert_eq!(terminal.types("BM 0\r"), "ACK\r:");
-    assert_eq!(terminal.types("TC\r"), "ACK\rT 55 20 51 11 60 30 25 255\r:");
 }
 
 /// Under packet filter only the first empty packet is sent.
@@ -239,11 +137,10 @@ fn the_frame_rate_follows_the_clock_divider_and_the_window() {
 #[test]
 fn every_byte_has_its_time() {
     for baud in cmucam2_emulator::BAUD_RATES {
-        let configuration = Configuration {
-            baud,
-            host_baud: baud,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.baud = baud;
+            it.host_baud = baud;
+        });
         let mut terminal = Terminal::new(configuration, orange_box([30, 49], [40, 79]));
         terminal.read(5 * SECOND);
         let mut duration = |command: &str| {
@@ -269,11 +166,8 @@ fn every_byte_has_its_time() {
 fn sleep() {
     for (prompt, asleep, awake) in [(1, "ACK\r:", ""), (0, "ACK\r", ":")] {
         for command in ["SL\r", "SD\r"] {
-            let switches = Switches {
-                sleep_prompt: prompt,
-                ..Switches::default()
-            };
-            let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+            let prompts = with(|it| it.switches.sleep_prompt = prompt);
+            let mut terminal = Terminal::new(prompts, orange_box([30, 49], [40, 79]));
             assert_eq!(terminal.types(command), asleep);
             terminal.camera.receive(b'\r', terminal.now);
             terminal.now += 5 * MILLISECOND;
@@ -284,34 +178,10 @@ fn sleep() {
     }
 }
 
-/// Bounds turned round: the sources do not tell.
-#[test]
-fn inverted_bounds_are_refused_or_track_nothing() {
-    let switches = Switches {
-        inverted_bounds: 1,
-        ..Switches::default()
-    };
-    let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
-    let refusing = Switches {
-        inverted_bounds: 0,
-        ..Switches::default()
-    };
-    let mut strict = Terminal::with_switches(refusing, orange_box([30, 49], [40, 79]));
-    assert_eq!(strict.types("TC 240 170 60 150 16 90\r"), "NCK\r:");
-    terminal.types("PM 1\r");
-    assert_eq!(
-        terminal.types("TC 240 170 60 150 16 90\r"),
-        "ACK\rT 0 0 0 0 0 0 0 0\r:"
-    );
-    assert_eq!(terminal.types("ST 240 170 60 150 16 90\r"), "ACK\r:");
-    assert_eq!(terminal.types("GT\r"), "ACK\r240 170 60 150 16 90\r:");
-}
-
 #[test]
 fn learning_in_the_window_says_what_it_saw() {
-    let mut configuration = Configuration::default();
-    configuration.switches.window_mean = 1;
-    let mut terminal = Terminal::new(configuration, orange_box([0, 87], [0, 142]));
+    let means = with(|it| it.switches.window_mean = 1);
+    let mut terminal = Terminal::new(means, orange_box([0, 87], [0, 142]));
     terminal.freeze();
     let stream = terminal.types("TW\r");
     let mean = stream.split('\r').nth(1).unwrap().to_owned();
@@ -360,14 +230,13 @@ fn no_input_breaks_it() {
             }
         }
         let sensor = [Sensor::Ov6620, Sensor::Ov7620][usize::from(seed % 3 == 2)];
-        let configuration = Configuration {
-            sensor,
-            switches,
-            faults,
-            seed,
-            watched: true,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.sensor = sensor;
+            it.switches = switches;
+            it.faults = faults;
+            it.seed = seed;
+            it.watched = true;
+        });
         let mut terminal = Terminal::new(configuration, orange_box([80, 95], [130, 150]));
         for _ in 0..60 {
             let place = random.random_range(0..letters.len() / 2) * 2;
@@ -406,11 +275,10 @@ fn the_same_seed_and_commands_give_the_same_bytes() {
         for fault in FaultRates::TABLE {
             faults.set(fault.name, 0.01).unwrap();
         }
-        let configuration = Configuration {
-            seed,
-            faults,
-            ..Configuration::default()
-        };
+        let configuration = with(|it| {
+            it.seed = seed;
+            it.faults = faults;
+        });
         let mut scene = orange_box([30, 49], [40, 79]);
         scene.noise = 3.0;
         scene.flicker = 0.1;

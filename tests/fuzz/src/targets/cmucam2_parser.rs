@@ -4,10 +4,10 @@
 use arbitrary::{Arbitrary, Unstructured};
 use cmucam2_driver::{
     Packet,
-    command::{StatisticsLines, StatisticsMask, TrackingLines},
+    command::StatisticsMask,
     geometry::Size,
-    packet::{Tracking, TrackingFields},
-    parser::{Expectation, ImageExpectation, Parser, Token},
+    packet::Tracking,
+    parser::{Expectation, ImageKind, Parser, Token},
     servo::ServoMask,
 };
 
@@ -18,21 +18,19 @@ pub(crate) fn run(input: &[u8]) {
     };
     let (mask, servos, image, values, bytes) = input;
     let expectation = Expectation {
-        tracking: TrackingFields::new(mask, ServoMask::new(servos & 15).unwrap()),
+        tracking: mask,
+        servos: ServoMask::new(servos & 15).unwrap(),
         statistics: StatisticsMask::new(mask & 63).unwrap(),
         bins: (servos & 16 == 0).then_some(28),
-        frame: Size {
-            width: 88,
-            height: 143,
-        },
+        frame: Size::new(88, 143),
         image: match image % 7 {
-            0 => ImageExpectation::None,
-            1 => ImageExpectation::Frame(1),
-            2 => ImageExpectation::Frame(3),
-            3 => ImageExpectation::Tracking(TrackingLines::Bitmap),
-            4 => ImageExpectation::Tracking(TrackingLines::Rows),
-            5 => ImageExpectation::Statistics(StatisticsLines::Means),
-            _ => ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations),
+            0 => None,
+            1 => Some(ImageKind::Frame(1)),
+            2 => Some(ImageKind::Frame(3)),
+            3 => Some(ImageKind::Bitmap),
+            4 => Some(ImageKind::Rows),
+            5 => Some(ImageKind::Means(3)),
+            _ => Some(ImageKind::Means(6)),
         },
         raw: servos & 32 != 0,
         values: values % 7,
