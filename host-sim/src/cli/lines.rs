@@ -98,6 +98,8 @@ impl Lines {
                     (all, waiting)
                 });
         let open = |(number, path): (u16, &String)| {
+            let port = Port::open(path, baud, interrupted.clone())?;
+            debug!(port = path, "the line is there");
             Ok(Line {
                 path: path.clone(),
                 prefix: match is_one {
@@ -108,7 +110,7 @@ impl Lines {
                 session: Session::new(everybodys.iter().copied()),
                 baud,
                 interrupted: interrupted.clone(),
-                port: Ok(Port::open(path, baud, interrupted.clone())?),
+                port: Ok(port),
                 plug: Plug::of(path),
                 is_program: is_pseudo_terminal(path),
                 said: VecDeque::new(),

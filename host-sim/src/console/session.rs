@@ -664,7 +664,7 @@ mod tests {
     use node_firmware::{
         console::NetworkInfo,
         message::{
-            CameraState, CommandResult, Hello, ListedSighting, MemberAddress, MemberKind,
+            CameraState, CommandResult, Health, Hello, ListedSighting, MemberAddress, MemberKind,
             PoseParts, Report, Seen,
         },
     };

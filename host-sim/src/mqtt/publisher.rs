@@ -27,7 +27,7 @@ use rumqttc::{
 };
 use serde::Serialize;
 use tokio::sync::Notify;
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 use super::{
     AGAIN, Broker, BrokerError, COMMAND, EVENTS, MESSAGE_MAX, OFFLINE, ONLINE, STATUS, Topic,
@@ -420,8 +420,9 @@ impl Talk {
                         events.clean();
                         continue;
                     }
-                    if told.take().is_some() {
-                        info!(broker = self.address, "the broker is there again");
+                    match told.take() {
+                        Some(_) => info!(broker = self.address, "the broker is there again"),
+                        None => debug!(broker = self.address, "the broker is there"),
                     }
                     was_there = true;
                     // Nothing is waiting for it but at first.
