@@ -52,7 +52,7 @@ impl Late {
         done.with_context(|| format!("{} cannot be written", file_name(&self.path)))
     }
 
-    /// It ends with an error at the end of the command, which may be months away.
+    /// State after an error. It is told at once, for the end of the command may be months away.
     fn failed(&self, error: io::Error) -> State {
         let file = file_name(&self.path);
         error!(file, "cannot be written, and gets nothing more: {error}");
