@@ -11,7 +11,10 @@ use std::{
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
-use host_sim::console::{output, session::Wish};
+use host_sim::{
+    console::{output, session::Wish},
+    logging,
+};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
 use results::view::{COMMAND_NAMES, parse_command};
@@ -30,6 +33,7 @@ use super::{
     happenings::{Happenings, HappeningsOptions},
     interrupt,
     lines::{Ended, Line, Lines},
+    log_options::LogOptions,
     print,
     run_outputs::{FOR_RESULTS, RecordOutputs},
     tell, values,
@@ -65,6 +69,8 @@ pub(super) struct Arguments {
     /// walls (for advice where to stop next), and the place in the building.
     #[arg(long, value_name = "FILE.toml")]
     site: Option<String>,
+    #[command(flatten)]
+    log: LogOptions,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RecordOutputs,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
@@ -116,6 +122,8 @@ the verdict: what is the matter with whom, and where to stop the target next.
 
 The coordinator does not say whether the join window is open, only that it got what came after the
 wish. No key is ever printed.
+
+With --log, records on the standard error output tell of the lines too, with their ports.
 
 Exit codes:
   0    what was asked for is done; of listening: every camera is calibrated
@@ -175,7 +183,11 @@ enum End {
     Interrupted,
 }
 
+/// Records without --log: what happens stands among the news on the standard output.
+const LOG: &str = "host_sim=error";
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    arguments.log.start(LOG)?;
     // Errors in a file are told before the program waits for the coordinator.
     let site = arguments.site.as_deref();
     let file = site.filter(|name| !BUILT_IN.iter().any(|(known, _)| known == name));
@@ -421,6 +433,7 @@ impl Screen {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
             // A drawing that came too soon after the last one is made then.
             bar.enable_steady_tick(Duration::from_secs(1));
+            logging::keep_clear_of(&bar);
             bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
         });
         Self(bar, Objects::default())

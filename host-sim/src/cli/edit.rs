@@ -18,7 +18,8 @@ use super::{
     file_name,
     files::{Files, place},
     interrupt,
-    live::{ServeOptions, open_browser},
+    live::{self, ServeOptions, open_browser},
+    log_options::LogOptions,
     print, values, whole_file, with_causes,
 };
 
@@ -46,6 +47,8 @@ pub(super) struct Arguments {
     json: Option<PathBuf>,
     #[command(flatten)]
     serve: ServeOptions,
+    #[command(flatten)]
+    log: LogOptions,
 }
 
 const EPILOGUE: &str = "\
@@ -60,6 +63,7 @@ Exit codes:
   2  wrong options, or the file or the address is not to be had";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    arguments.log.start(live::LOG)?;
     let name = arguments.site.as_str();
     let text = match BUILT_IN.iter().find(|(known, _)| *known == name) {
         Some((_, text)) => (*text).to_owned(),

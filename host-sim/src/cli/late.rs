@@ -11,6 +11,7 @@ use std::{
 
 use anyhow::Context;
 use site::durable::{folder_of, sync_folder};
+use tracing::{debug, error};
 
 use super::file_name;
 
@@ -51,6 +52,13 @@ impl Late {
         done.with_context(|| format!("{} cannot be written", file_name(&self.path)))
     }
 
+    /// State after an error. It is told at once, for the end of the command may be months away.
+    fn failed(&self, error: io::Error) -> State {
+        let file = file_name(&self.path);
+        error!(file, "cannot be written, and gets nothing more: {error}");
+        State::Failed(error)
+    }
+
     fn keep(&self, file: &File) -> io::Result<()> {
         // Pipes and devices keep nothing.
         if !file.metadata()?.is_file() {
@@ -66,8 +74,11 @@ impl Write for Late {
         let mut state = self.state.borrow_mut();
         if let State::NotMade = *state {
             *state = match File::create(&self.path) {
-                Ok(file) => State::Open(file),
-                Err(error) => State::Failed(error),
+                Ok(file) => {
+                    debug!(file = file_name(&self.path), "begins to be written");
+                    State::Open(file)
+                }
+                Err(error) => self.failed(error),
             };
         }
         let done = match &mut *state {
@@ -78,7 +89,7 @@ impl Write for Late {
         done.map_err(|error| {
             let kind = error.kind();
             if kind != ErrorKind::Interrupted {
-                *state = State::Failed(error);
+                *state = self.failed(error);
             }
             kind.into()
         })

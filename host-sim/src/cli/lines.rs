@@ -11,7 +11,8 @@ use std::{
 use anyhow::{anyhow, bail};
 use embedded_io::{Read, ReadReady, Write};
 use host_sim::{
-    console::session::{Failure, MISSING, Session, Wish, frame},
+    console::session::{Failure, MISSING, News, Session, Wish, frame},
+    logging::{NEWS, Throttle},
     probe::{
         plug::Plug,
         port::{OpenError, Port, PortError},
@@ -22,6 +23,7 @@ use results::{
     view::{SitePlan, are_calibrated},
 };
 use site::Scenario;
+use tracing::{debug, info, warn};
 
 /// Time after which a line that failed is opened again.
 const AGAIN: Duration = Duration::from_secs(2);
@@ -42,8 +44,9 @@ pub(super) struct Line {
     plug: Option<Plug>,
     /// At its other end is a program, not a device.
     is_program: bool,
-    /// Words on the line itself, for people.
-    said: VecDeque<String>,
+    /// News of the line itself.
+    said: VecDeque<News>,
+    damaged: Throttle,
     /// Words on why it cannot be opened again, which are told once.
     complaint: Option<String>,
 }
@@ -95,6 +98,8 @@ impl Lines {
                     (all, waiting)
                 });
         let open = |(number, path): (u16, &String)| {
+            let port = Port::open(path, baud, interrupted.clone())?;
+            debug!(port = path, "the line is there");
             Ok(Line {
                 path: path.clone(),
                 prefix: match is_one {
@@ -105,10 +110,11 @@ impl Lines {
                 session: Session::new(everybodys.iter().copied()),
                 baud,
                 interrupted: interrupted.clone(),
-                port: Ok(Port::open(path, baud, interrupted.clone())?),
+                port: Ok(port),
                 plug: Plug::of(path),
                 is_program: is_pseudo_terminal(path),
                 said: VecDeque::new(),
+                damaged: Throttle::default(),
                 complaint: None,
             })
         };
@@ -278,9 +284,17 @@ impl Line {
         self.is_program && !self.is_open()
     }
 
-    /// The next thing to tell people.
+    /// The next thing to tell people. It is in the log by then.
     pub(super) fn news(&mut self) -> Option<String> {
-        self.said.pop_front().or_else(|| self.session.news())
+        let news = self.said.pop_front().or_else(|| self.session.news())?;
+        let port = &self.path;
+        let words = news.words();
+        match &news {
+            News::Network(_) => info!(target: NEWS, port, "{words}"),
+            News::Trouble(_) => warn!(port, "{words}"),
+            News::Mended(_) => info!(port, "{words}"),
+        }
+        Some(words.to_owned())
     }
 
     /// Reads the bytes that have come, and sends those that are due. A line that is away is looked for, once it is
@@ -296,17 +310,22 @@ impl Line {
         let Ok(port) = &mut self.port else {
             return Ok(());
         };
-        match exchange(port, &mut self.session, now) {
+        let exchanged = exchange(port, &mut self.session, now);
+        if let Some(count) = self.damaged.count(self.session.damaged()) {
+            debug!(port = self.path, count, "damaged or unknown messages");
+        }
+        match exchanged {
             Ok(Ok(())) => Ok(()),
             Ok(Err(failure)) => Err(Trouble::Wish(failure)),
             Err(PortError::Interrupted) => Err(Trouble::Interrupted),
             Err(PortError::Io(_)) => {
                 // The port is closed here, because it can be open only once.
                 self.port = Err(now);
-                self.said.push_back(match self.is_program {
-                    true => "the program at the other end of the line has ended".to_owned(),
-                    false => "the line is gone: was it unplugged? It is waited for".to_owned(),
-                });
+                let words = match self.is_program {
+                    true => "the program at the other end of the line has ended",
+                    false => "the line is gone: was it unplugged? It is waited for",
+                };
+                self.said.push_back(News::Trouble(words.to_owned()));
                 Ok(())
             }
         }
@@ -323,17 +342,17 @@ impl Line {
                 self.is_program = is_pseudo_terminal(&path);
                 self.complaint = None;
                 self.session.begin_again(now);
-                self.said.push_back(match path == self.path {
+                self.said.push_back(News::Mended(match path == self.path {
                     true => "the line is there again".to_owned(),
                     false => format!("the line is there again, as {path}"),
-                });
+                }));
                 Some(port)
             }
             Err(OpenError::Missing { .. }) => None,
             Err(error) => {
                 let words = Some(error.to_string());
                 if self.complaint != words {
-                    self.said.extend(words.clone());
+                    self.said.extend(words.clone().map(News::Trouble));
                     self.complaint = words;
                 }
                 None

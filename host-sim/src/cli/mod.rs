@@ -26,6 +26,7 @@ mod keygen;
 mod late;
 mod lines;
 mod live;
+mod log_options;
 mod messages;
 mod probe;
 mod provision;

@@ -8,7 +8,8 @@ use host_sim::mqtt::{Publisher, check_name};
 use super::{
     interrupt,
     live::{Audience, Credentials, SourceOptions},
-    print, tell,
+    log_options::LogOptions,
+    print,
 };
 
 /// Tells an MQTT broker what happens in a network: a real one, a simulation, or one that was recorded.
@@ -33,6 +34,8 @@ pub(super) struct Arguments {
     obey: bool,
     #[command(flatten)]
     credentials: Credentials,
+    #[command(flatten)]
+    log: LogOptions,
 }
 
 const EPILOGUE: &str = "\
@@ -46,15 +49,18 @@ Exit codes:
   0  Ctrl-C
   2  wrong options, or a file, the port or the broker is not to be had";
 
+/// Records without --log.
+const LOG: &str = "host_sim=info";
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    arguments.log.start(LOG)?;
     check_name(&arguments.name)?;
     let broker = arguments.credentials.broker(&arguments.mqtt)?;
     let interrupted = interrupt::watch()?;
     arguments.source.watch(&interrupted, |_| {
         let topic = format!("{}/{}", broker.topic(), arguments.name);
-        let complain = |words: &str| tell(words);
         let (publisher, commands) =
-            Publisher::start(broker.clone(), &arguments.name, arguments.obey, complain)?;
+            Publisher::start(broker.clone(), &arguments.name, arguments.obey)?;
         print(&format!("{topic}\n"))?;
         Ok((Audience::Broker(publisher), commands))
     })?;

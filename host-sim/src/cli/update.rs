@@ -18,6 +18,7 @@ use host_sim::{
         session::{Failure, frame},
         update as exchange,
     },
+    logging,
     probe::port::{Port, PortError},
 };
 use indicatif::{ProgressBar, ProgressStyle};
@@ -32,8 +33,9 @@ use radio_update::{
     stamp::{Stamp, board_number},
 };
 use site::key_file;
+use tracing::{info, warn};
 
-use super::{file_name, files::Files, interrupt, print, tell};
+use super::{file_name, files::Files, interrupt, log_options::LogOptions, print, tell};
 
 /// Gives all nodes of a network a new image, by radio.
 ///
@@ -60,6 +62,8 @@ pub(super) struct Arguments {
     /// Bits per second.
     #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
     baud: u32,
+    #[command(flatten)]
+    log: LogOptions,
 }
 
 const EPILOGUE: &str = "\
@@ -75,7 +79,11 @@ const AGAIN: Duration = Duration::from_secs(3);
 /// Time between two looks at the line.
 const LOOK: Duration = Duration::from_millis(2);
 
+/// Records without --log: the standard error output has words for people instead.
+const LOG: &str = "host_sim=error";
+
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    arguments.log.start(LOG)?;
     Files::default()
         .reads([&arguments.image, &arguments.key])
         .check()?;
@@ -99,6 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
         }
         Err(error) if matches!(error.downcast_ref(), Some(PortError::Io(_))) => {
             let port = &arguments.port;
+            warn!(port, "the line is gone");
             Err(error.context(format!(
                 "{port} went away; the nodes keep what they have, and the same command goes on"
             )))
@@ -218,6 +227,7 @@ fn spread(line: &mut Line, package: Package, nodes: &Nodes) -> Result<ExitCode> 
         nodes.len()
     ));
     let bar = ProgressBar::new(blocks as u64);
+    logging::keep_clear_of(&bar);
     bar.set_style(ProgressStyle::with_template(
         "{wide_bar} {pos}/{len} {msg}",
     )?);
@@ -234,6 +244,9 @@ fn spread(line: &mut Line, package: Package, nodes: &Nodes) -> Result<ExitCode> 
         bar.set_position((blocks.saturating_sub(sender.waiting())) as u64);
         for (address, node) in sender.nodes() {
             let is_news = told.insert(*address, node.phase) != Some(node.phase);
+            if let Some(phase) = node.phase.filter(|_| is_news) {
+                info!(address, node = nodes.get(address), "{phase}");
+            }
             if let Some(phase) = node.phase.filter(|_| is_news)
                 && (phase.is_refusal() || matches!(phase, Phase::Installed | Phase::Reverted))
             {

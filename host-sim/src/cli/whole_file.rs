@@ -8,12 +8,16 @@ use std::{
 
 use anyhow::{Context, ensure};
 use site::durable::{folder_of, persist};
+use tracing::debug;
 
 use super::{file_name, files, unless_gone};
 
 /// Writes a file in whole or not at all, so that a full disk or a loss of power leaves what was there before.
 pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
-    replace(path, bytes.as_ref()).with_context(|| format!("{} cannot be written", file_name(path)))
+    let (file, bytes) = (file_name(path), bytes.as_ref());
+    replace(path, bytes).with_context(|| format!("{file} cannot be written"))?;
+    debug!(file, bytes = bytes.len(), "written");
+    Ok(())
 }
 
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {

@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, TrackedObject, encode},
-    message::{CameraCommand, CommandOutcome, MemberAddress, SitePlace, TargetLocation},
+    message::{CameraCommand, CommandOutcome, MemberAddress, Restart, SitePlace, TargetLocation},
 };
 
 use results::{
@@ -162,6 +162,25 @@ enum Step {
     Begun(Duration),
 }
 
+/// Something to tell people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum News {
+    /// The coordinator told it of its network.
+    Network(String),
+    /// The line or the coordinator fails.
+    Trouble(String),
+    /// The line or the coordinator is there again.
+    Mended(String),
+}
+
+impl News {
+    /// Its words.
+    pub fn words(&self) -> &str {
+        let (Self::Network(words) | Self::Trouble(words) | Self::Mended(words)) = self;
+        words
+    }
+}
+
 /// The talk with a coordinator. Times are since its begin.
 #[derive(Debug)]
 pub struct Session {
@@ -182,8 +201,12 @@ pub struct Session {
     bytes: usize,
     /// Number of these bytes that are text.
     text: usize,
+    /// Number of frames that were no messages.
+    damaged: u64,
+    /// The last byte ended a frame, or none has come.
+    is_between: bool,
     failed: Option<Failure>,
-    news: VecDeque<String>,
+    news: VecDeque<News>,
     /// Time at which each camera was last asked for its sightings, by its address.
     listed_sightings: BTreeMap<MemberAddress, Duration>,
     wants_sightings: bool,
@@ -211,6 +234,8 @@ impl Session {
             lost: false,
             bytes: 0,
             text: 0,
+            damaged: 0,
+            is_between: true,
             failed: None,
             news: VecDeque::new(),
             listed_sightings: BTreeMap::new(),
@@ -257,8 +282,13 @@ impl Session {
     }
 
     /// The next thing to tell people.
-    pub fn news(&mut self) -> Option<String> {
+    pub fn news(&mut self) -> Option<News> {
         self.news.pop_front()
+    }
+
+    /// Number of damaged or unknown messages since the last call.
+    pub fn damaged(&mut self) -> u64 {
+        std::mem::take(&mut self.damaged)
     }
 
     /// Takes the bytes that came on the line.
@@ -271,17 +301,21 @@ impl Session {
             match self.frames.push(byte) {
                 Some(message) => self.take(now, &message),
                 // The end of a frame that was none.
-                None if byte == 0 => self.known.missed(now),
+                None if byte == 0 => {
+                    self.damaged += u64::from(!self.is_between);
+                    self.known.missed(now);
+                }
                 None => {}
             }
+            self.is_between = byte == 0;
         }
     }
 
     fn take(&mut self, now: Duration, message: &ToPc) {
         self.heard = Some(now);
         if std::mem::take(&mut self.lost) {
-            self.news
-                .push_back("the coordinator answers again".to_owned());
+            let news = "the coordinator answers again";
+            self.news.push_back(News::Mended(news.to_owned()));
         }
         let members = self.known.members().len();
         // Looked up before the member is forgotten.
@@ -296,7 +330,14 @@ impl Session {
             self.happened.truncate(HAPPENED_MAX - 1);
             self.happened.push_back(what);
         }
-        self.news.extend(self.known.take(now, message));
+        let before = self.known.health().restart;
+        let told = self.known.take(now, message);
+        let restart = self.known.health().restart;
+        let has_failed = restart != before && restart != Restart::Ordinary;
+        self.news.extend(told.map(|words| match has_failed {
+            true => News::Trouble(words),
+            false => News::Network(words),
+        }));
         match message {
             ToPc::KeyChange(_) => {
                 self.answered = true;
@@ -342,10 +383,10 @@ impl Session {
         match (wish, *message) {
             // The coordinator does not confirm this, but it answers the question that came after it.
             (Wish::JoinWindow(seconds), ToPc::Network(_)) => {
-                self.news.push_back(match seconds {
+                self.news.push_back(News::Network(match seconds {
                     0 => "join window: asked to close it".to_owned(),
                     _ => format!("join window: asked to open it for {seconds} s"),
-                });
+                }));
                 self.confirmed();
             }
             (Wish::Remove(id), ToPc::Removed { .. }) if removed == Some(id) => {
@@ -463,7 +504,7 @@ impl Session {
                 self.lost = true;
                 let news =
                     "the coordinator does not answer any more: check its cable and its power";
-                self.news.push_back(news.to_owned());
+                self.news.push_back(News::Trouble(news.to_owned()));
             }
             _ => {}
         }
@@ -623,7 +664,7 @@ mod tests {
     use node_firmware::{
         console::NetworkInfo,
         message::{
-            CameraState, CommandResult, Hello, ListedSighting, MemberAddress, MemberKind,
+            CameraState, CommandResult, Health, Hello, ListedSighting, MemberAddress, MemberKind,
             PoseParts, Report, Seen,
         },
     };
@@ -717,12 +758,14 @@ mod tests {
         while session.news().is_some() {}
         session.poll(at(20_100)).unwrap();
         let news = session.news().unwrap();
-        assert!(news.contains("not answer any more"), "{news}");
+        let is_trouble =
+            matches!(&news, News::Trouble(words) if words.contains("not answer any more"));
+        assert!(is_trouble, "{news:?}");
         session.poll(at(20_200)).unwrap();
         assert_eq!(session.news(), None, "told once");
         tell(&mut session, 30_000, &[NETWORK]);
-        let news = session.news().unwrap();
-        assert!(news.contains("answers again"), "{news}");
+        let again = News::Mended("the coordinator answers again".to_owned());
+        assert_eq!(session.news(), Some(again));
     }
 
     #[test]
@@ -947,6 +990,36 @@ mod tests {
         assert_eq!(session.poll(at(1_200)), Err(Failure::NoTarget(7)));
     }
 
+    #[test]
+    fn a_coordinator_that_its_watchdog_restarted_is_trouble() {
+        let mut session = listed(&[]);
+        while session.news().is_some() {}
+        let health = |restart| {
+            let health = Health {
+                restart,
+                ..Health::default()
+            };
+            ToPc::Health { address: 0, health }
+        };
+        tell(&mut session, 1_300, &[health(Restart::Ordinary)]);
+        assert_eq!(session.news(), None);
+        tell(&mut session, 1_400, &[health(Restart::Program)]);
+        assert!(matches!(session.news(), Some(News::Trouble(_))));
+        tell(&mut session, 1_500, &[health(Restart::Program)]);
+        assert_eq!(session.news(), None);
+    }
+
+    #[test]
+    fn damaged_messages_are_counted_and_gaps_between_messages_are_not() {
+        let mut session = listed(&[]);
+        assert_eq!(session.damaged(), 0);
+        session.heard(at(1_300), b"\0\0noise\0\0more");
+        assert_eq!(session.damaged(), 1);
+        session.heard(at(1_400), b"\0");
+        tell(&mut session, 1_500, &[NETWORK]);
+        assert_eq!((session.damaged(), session.damaged()), (1, 0));
+    }
+
     /// Users are told in the words that they type.
     #[test]
     fn what_became_of_a_command_is_told_in_its_words() {
@@ -958,7 +1031,8 @@ mod tests {
         };
         tell(&mut session, 1_300, &[ToPc::Done { address: 1, done }]);
         let news = session.news().unwrap();
-        assert!(news.starts_with("camera 7: learn-colour=1: "), "{news}");
+        let words = news.words();
+        assert!(words.starts_with("camera 7: learn-colour=1: "), "{words}");
     }
 
     #[test]
@@ -992,7 +1066,7 @@ mod tests {
         assert!(session.is_done());
         let news = std::iter::from_fn(|| session.news()).last().unwrap();
         assert_eq!(
-            news,
+            news.words(),
             "site key 2: in use; 1 members did not say that they have it"
         );
 

@@ -1,6 +1,7 @@
 //! Connections of the page's server: no more than it can hold, and none that stays silent.
 
 use std::{
+    net::SocketAddr,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -15,6 +16,9 @@ use hyper_util::{
     service::TowerToHyperService,
 };
 use tokio::{net::TcpListener, task::AbortHandle};
+use tracing::{debug, warn};
+
+use crate::logging::Throttle;
 
 /// Limits of a server.
 #[derive(Clone, Copy, Debug)]
@@ -35,17 +39,26 @@ impl Default for Limits {
 }
 
 /// A connection, as requests on it know it.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Connection(Arc<AtomicBool>);
+#[derive(Clone, Debug)]
+pub(super) struct Connection {
+    /// Address of the other end.
+    pub(super) peer: SocketAddr,
+    has_token: Arc<AtomicBool>,
+}
 
 impl Connection {
+    fn of(peer: SocketAddr) -> Self {
+        let has_token = Arc::default();
+        Self { peer, has_token }
+    }
+
     /// Notes that a request on it had the token.
     pub(super) fn is_owners(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.has_token.store(true, Ordering::Relaxed);
     }
 
     fn has_token(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.has_token.load(Ordering::Relaxed)
     }
 }
 
@@ -53,28 +66,47 @@ impl Connection {
 /// cannot lock the owner out.
 pub(super) async fn serve(listener: TcpListener, router: Router, limits: Limits) {
     let mut all: Vec<(Connection, AbortHandle)> = Vec::new();
+    let [failed, full] = [(); 2].map(|()| Throttle::default());
+    let silent: Arc<Throttle> = Arc::default();
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
-            // Such as too many open files: some close in a while.
-            tokio::time::sleep(Duration::from_millis(100)).await;
-            continue;
+        let (stream, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                if let Some(count) = failed.count(1) {
+                    warn!(count, "a connection cannot be taken: {error}");
+                }
+                // Such as too many open files: some close in a while.
+                tokio::time::sleep(Duration::from_millis(100)).await;
+                continue;
+            }
         };
         all.retain(|(_, task)| !task.is_finished());
         if all.len() >= limits.connections {
+            if let Some(count) = full.count(1) {
+                let limit = limits.connections;
+                warn!(%peer, count, limit, "too many connections: some are closed");
+            }
             let Some(oldest) = all.iter().position(|(one, _)| !one.has_token()) else {
                 continue;
             };
             all.remove(oldest).1.abort();
         }
-        let connection = Connection::default();
+        let connection = Connection::of(peer);
         let router = router.clone().layer(Extension(connection.clone()));
         let served = http1::Builder::new()
             .timer(TokioTimer::new())
             .header_read_timeout(limits.silence)
             .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        let silent = silent.clone();
         let task = tokio::spawn(async move {
             // An end of any kind concerns this connection only.
-            let _ = served.await;
+            let Err(error) = served.await else { return };
+            // Browsers leave connections open, too.
+            if error.is_timeout()
+                && let Some(count) = silent.count(1)
+            {
+                debug!(%peer, count, "a connection that says nothing is closed");
+            }
         });
         all.push((connection, task.abort_handle()));
     }

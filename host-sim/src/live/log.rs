@@ -81,10 +81,15 @@ impl Log {
         self.first + self.lines.len() as u64
     }
 
+    /// Returns true if the events from a number on are kept one by one.
+    pub fn has(&self, number: u64) -> bool {
+        (self.first..=self.next()).contains(&number)
+    }
+
     /// The events from a number on, each with the number after it. If some of them are not kept one by one
     /// any more: all that is known, with a beginning.
     pub fn since(&self, number: Option<u64>) -> Vec<(u64, &Event)> {
-        let known = number.filter(|number| (self.first..=self.next()).contains(number));
+        let known = number.filter(|number| self.has(*number));
         // A page that got the beginning without the verdict gets both again.
         let number = self.first.saturating_sub(u64::from(self.verdict.is_some()));
         let begin = { self.begin.iter() }.map(|begin| (number, begin));

@@ -34,12 +34,14 @@ use results::record::event::Event;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{mpsc as channel, watch};
 use tokio_stream::wrappers::ReceiverStream;
+use tracing::{field::display, info, warn};
 
 use super::{
     Asked, EditError, Editing, Log, STYLE,
     connections::{self, Connection, Limits},
     editor_page, editor_script, page, script,
 };
+use crate::logging::Throttle;
 
 /// Command of a user at the page.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -167,6 +169,9 @@ struct Shared {
     run: String,
     /// A site to edit, in place of events.
     editing: Option<Editing>,
+    /// Requests that were refused for want of the token, and of the host's name.
+    strangers: Throttle,
+    misdirected: Throttle,
 }
 
 fn random_hex<const N: usize>() -> Result<String, ServerError> {
@@ -220,6 +225,8 @@ pub(super) fn start(
         address: listener.local_addr().map_err(failed)?,
         run: random_hex::<4>()?,
         editing,
+        strangers: Throttle::default(),
+        misdirected: Throttle::default(),
     }));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -342,10 +349,15 @@ async fn owners_only(State(server): State<Server>, request: Request, next: Next)
         Method::GET => given.is_ok_and(|Query(given)| server.is_token(&given.token)),
         _ => server.is_own_page(request.headers()),
     };
+    let connection = request.extensions().get::<Connection>();
     if !is_owners {
+        if let Some(count) = server.0.strangers.count(1) {
+            let peer = connection.map(|own| display(own.peer));
+            warn!(peer, count, "a request without the token is refused");
+        }
         return StatusCode::FORBIDDEN.into_response();
     }
-    if let Some(connection) = request.extensions().get::<Connection>() {
+    if let Some(connection) = connection {
         connection.is_owners();
     }
     next.run(request).await
@@ -361,6 +373,11 @@ async fn guard(State(server): State<Server>, request: Request, next: Next) -> Re
     let mut response = if host.is_some_and(|host| server.is_host(host)) {
         next.run(request).await
     } else {
+        if let Some(count) = server.0.misdirected.count(1) {
+            let connection = request.extensions().get::<Connection>();
+            let peer = connection.map(|own| display(own.peer));
+            warn!(peer, count, "a request for another host is refused");
+        }
         StatusCode::MISDIRECTED_REQUEST.into_response()
     };
     let headers = response.headers_mut();
@@ -403,6 +420,9 @@ async fn events(State(server): State<Server>, headers: HeaderMap) -> Response {
         let mut news = server.0.news.subscribe();
         loop {
             news.borrow_and_update();
+            if from.is_some_and(|number| !server.log().has(number)) {
+                info!("a page gets the record anew: it was slow, or away");
+            }
             let lines = server.lines(from);
             for (number, line) in lines {
                 let id = format!("{}-{number}", server.0.run);

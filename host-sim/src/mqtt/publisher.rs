@@ -27,13 +27,14 @@ use rumqttc::{
 };
 use serde::Serialize;
 use tokio::sync::Notify;
+use tracing::{debug, info, warn};
 
 use super::{
     AGAIN, Broker, BrokerError, COMMAND, EVENTS, MESSAGE_MAX, OFFLINE, ONLINE, STATUS, Topic,
     broker,
     topic::{Begun, Besides},
 };
-use crate::live::Command;
+use crate::{live::Command, logging::Throttle};
 
 /// Number of events without lasting state that wait for a slow broker; of more, the oldest are left out.
 const PASSING_MAX: usize = 1_000;
@@ -68,7 +69,7 @@ pub fn check_name(name: &str) -> Result<(), BrokerError> {
 
 impl Publisher {
     /// Tells the broker from now on, on a thread of its own, under this name below the site's topic. Returns the commands
-    /// of others too, of which there are none unless it obeys. `complain` tells people of a broker that goes away.
+    /// of others too, of which there are none unless it obeys.
     ///
     /// # Errors
     /// [`BrokerError`]
@@ -76,7 +77,6 @@ impl Publisher {
         broker: Broker,
         name: &str,
         obeys: bool,
-        complain: impl Fn(&str) + Send + 'static,
     ) -> Result<(Self, Receiver<Command>), BrokerError> {
         check_name(name)?;
         let own = format!("{}/{name}", broker.topic());
@@ -95,13 +95,17 @@ impl Publisher {
         });
         let (commands, commanded) = mpsc::channel();
         let (first, begun) = mpsc::channel();
+        let address = broker.address();
         let talk = Talk {
             shared: shared.clone(),
             broker,
             own,
             obeys,
             commands,
-            complain: Box::new(complain),
+            address,
+            left_out: Throttle::default(),
+            too_long: Throttle::default(),
+            strange: Throttle::default(),
         };
         let thread = thread::spawn(move || runtime.block_on(talk.go_on(options, &first)));
         if let Ok(Err(words)) = begun.recv() {
@@ -152,6 +156,8 @@ struct State {
     owed: BTreeMap<Topic, Vec<News>>,
     /// Events without lasting state.
     passing: VecDeque<Event>,
+    /// Number of those that were left out since it was last asked for.
+    left_out: u64,
     is_connected: bool,
     is_ending: bool,
 }
@@ -176,6 +182,7 @@ impl State {
             },
             owed: BTreeMap::new(),
             passing: VecDeque::new(),
+            left_out: 0,
             is_connected: false,
             is_ending: false,
         }
@@ -215,6 +222,7 @@ impl State {
             (None, _) => {
                 if self.passing.len() == PASSING_MAX {
                     self.passing.pop_front();
+                    self.left_out += 1;
                 }
                 self.passing.push_back(event);
             }
@@ -371,7 +379,13 @@ struct Talk {
     own: String,
     obeys: bool,
     commands: Sender<Command>,
-    complain: Box<dyn Fn(&str) + Send>,
+    /// The broker's, for the log.
+    address: String,
+    /// Events that waited too long.
+    left_out: Throttle,
+    too_long: Throttle,
+    /// Messages to obey that are no commands.
+    strange: Throttle,
 }
 
 impl Talk {
@@ -406,8 +420,9 @@ impl Talk {
                         events.clean();
                         continue;
                     }
-                    if told.take().is_some() {
-                        (self.complain)("the broker is there again");
+                    match told.take() {
+                        Some(_) => info!(broker = self.address, "the broker is there again"),
+                        None => debug!(broker = self.address, "the broker is there"),
                     }
                     was_there = true;
                     // Nothing is waiting for it but at first.
@@ -427,7 +442,7 @@ impl Talk {
                     // Its ending does not wait for the broker.
                     self.shared.news.notify_one();
                     if told.as_ref() != Some(&words) {
-                        (self.complain)(&format!("{words}; it is waited for"));
+                        warn!(broker = self.address, "{words}; it is waited for");
                         told = Some(words);
                     }
                     tokio::time::sleep(AGAIN).await;
@@ -478,15 +493,21 @@ impl Talk {
         let levels =
             { message.topic.strip_prefix(&self.own) }.and_then(|levels| levels.strip_prefix('/'));
         match (levels, message.retain) {
-            (Some(COMMAND), true) => (self.complain)(
-                "a command is retained at the broker: it is left alone, for it may be old",
+            (Some(COMMAND), true) => warn!(
+                broker = self.address,
+                "a command is retained at the broker: it is left alone, for it may be old"
             ),
             (Some(COMMAND), false) => match serde_json::from_slice(&message.payload) {
                 Ok(command) => {
                     // Its receiver goes when the program ends.
                     let _ = self.commands.send(command);
                 }
-                Err(error) => (self.complain)(&format!("what came is no command: {error}")),
+                Err(error) => {
+                    if let Some(count) = self.strange.count(1) {
+                        let broker = &self.address;
+                        warn!(broker, count, "what came is no command: {error}");
+                    }
+                }
             },
             (Some(levels), true) => {
                 if let Some(topic) = Topic::parse(levels) {
@@ -500,10 +521,15 @@ impl Talk {
     /// Sends what is owed, until the publisher ends.
     async fn send(&self, client: &AsyncClient) {
         loop {
-            let (message, is_ending, is_connected) = {
+            let (message, is_ending, is_connected, left_out) = {
                 let mut state = self.shared.state();
-                (state.next(), state.is_ending, state.is_connected)
+                let left_out = std::mem::take(&mut state.left_out);
+                (state.next(), state.is_ending, state.is_connected, left_out)
             };
+            if let Some(count) = self.left_out.count(left_out) {
+                let broker = &self.address;
+                warn!(broker, count, "the broker is slow: events are left out");
+            }
             match message {
                 Some(message) => self.publish(client, message).await,
                 None if is_ending && is_connected => {
@@ -520,8 +546,13 @@ impl Talk {
         let topic = format!("{}/{}", self.own, message.levels);
         // Some bytes are for the head and the topic.
         if message.text.len() > MESSAGE_MAX - 1024 {
-            let bytes = message.text.len();
-            (self.complain)(&format!("{topic} is left out: it has {bytes} bytes"));
+            if let Some(count) = self.too_long.count(1) {
+                let bytes = message.text.len();
+                warn!(
+                    broker = self.address,
+                    topic, bytes, count, "too long: it is left out"
+                );
+            }
             return;
         }
         let quality = match message.is_retained {

@@ -12,9 +12,10 @@ use std::{
 use rumqttc::{
     AsyncClient, Event as Happened, EventLoop, Packet, QoS, SubAck, SubscribeReasonCode,
 };
+use tracing::{debug, info, warn};
 
 use super::{AGAIN, BEGIN, Broker, BrokerError, COMMAND, EVENTS, STATUS, broker};
-use crate::live::Command;
+use crate::{live::Command, logging::Throttle};
 
 /// Number of messages that wait to be taken; then the broker has to wait.
 const WAITING: usize = 1_000;
@@ -71,6 +72,7 @@ impl Reader {
             wanted: VecDeque::new(),
             is_asking: false,
             is_marked: true,
+            damaged: Throttle::default(),
         };
         thread::spawn(move || runtime.block_on(talk.go_on(events, &first)));
         match begun.recv() {
@@ -116,6 +118,7 @@ struct Talk {
     /// The last one is on its way, or all has come. It is asked for once more for its answer, which comes after
     /// everything that was retained.
     is_marked: bool,
+    damaged: Throttle,
 }
 
 /// The receiver has gone, and with it the program.
@@ -131,10 +134,12 @@ impl Talk {
                     was_there = true;
                     // Nothing is waiting for it but at first.
                     let _ = first.send(Ok(()));
-                    let again = told.take().map(|_| "the broker is there again");
-                    again
-                        .map_or(Ok(()), |words| self.say(words))
-                        .and_then(|()| self.begin())
+                    let again = told.take().map_or(Ok(()), |_| {
+                        let words = "the broker is there again";
+                        info!(broker = self.broker.address(), "{words}");
+                        self.say(words)
+                    });
+                    again.and_then(|()| self.begin())
                 }
                 Ok(Happened::Incoming(Packet::Publish(message))) => {
                     self.take(&message.topic, &message.payload)
@@ -149,7 +154,7 @@ impl Talk {
                     }
                     let said = match told.as_ref() == Some(&words) {
                         true => Ok(()),
-                        false => self.say(&format!("{words}; it is waited for")),
+                        false => self.warn(&format!("{words}; it is waited for")),
                     };
                     told = Some(words);
                     tokio::time::sleep(AGAIN).await;
@@ -168,6 +173,11 @@ impl Talk {
 
     fn say(&self, words: &str) -> Result<(), Over> {
         self.tell(Heard::Said(words.to_owned()))
+    }
+
+    fn warn(&self, words: &str) -> Result<(), Over> {
+        warn!(broker = self.broker.address(), "{words}");
+        self.say(words)
     }
 
     fn begin(&mut self) -> Result<(), Over> {
@@ -199,7 +209,7 @@ impl Talk {
 
     fn answered(&mut self, answer: &SubAck) -> Result<(), Over> {
         if answer.return_codes.contains(&SubscribeReasonCode::Failure) {
-            self.say("the broker does not let this user read all topics of the site")?;
+            self.warn("the broker does not let this user read all topics of the site")?;
         }
         self.is_asking = false;
         if self.is_marked && self.wanted.is_empty() {
@@ -216,6 +226,9 @@ impl Talk {
             return Ok(());
         };
         let Ok(text) = String::from_utf8(payload.to_vec()) else {
+            if let Some(count) = self.damaged.count(1) {
+                debug!(topic, count, "no text in UTF-8");
+            }
             return self.say(&format!("{topic}: it is no text in UTF-8"));
         };
         if levels == BEGIN && !text.is_empty() {

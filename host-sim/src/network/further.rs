@@ -104,7 +104,7 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
         simulation.further.end = Some(FurtherEnd::Spent);
         return None;
     }
-    let record = outcome::record(simulation, 0.0);
+    let record = outcome::record(simulation, 0.0, true);
     let now = known(&record);
     let before = simulation.further.before.as_ref();
     let is_in_vain = before.is_some_and(|before| !is_better(before, &now));

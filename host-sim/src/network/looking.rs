@@ -43,7 +43,12 @@ impl Onlooker {
             return events;
         }
         self.changes = changes;
-        let mut all = self.looker.look(&simulation.record());
+        let with_sightings = self.looker.uses_sightings(simulation.seconds());
+        let record = record(simulation, 0.0, with_sightings);
+        let mut all = self.looker.look(&RunRecord {
+            wall_seconds: None,
+            ..record
+        });
         // The stream begins with the record.
         all.extend(moments);
         all.append(&mut events);
@@ -100,7 +105,7 @@ impl Simulation {
     pub fn record(&self) -> RunRecord {
         RunRecord {
             wall_seconds: None,
-            ..record(self, 0.0)
+            ..record(self, 0.0, true)
         }
     }
 

@@ -412,7 +412,7 @@ impl Simulation {
         for node in &self.nodes {
             node.read_memory();
         }
-        outcome::record(self, begun.elapsed().as_secs_f64())
+        outcome::record(self, begun.elapsed().as_secs_f64(), true)
     }
 
     /// Time until which an update by radio is under way, as far as consoles know.

@@ -261,7 +261,7 @@ impl Simulation {
         let scores = (1..).zip(&course.scores);
         self.tracking = scores.map(|(n, score)| score.end(n, tracked)).collect();
         Some(TrackingRun {
-            record: outcome::record(self, 0.0),
+            record: outcome::record(self, 0.0, true),
             rows: course.rows,
             causes: course.scores.iter().map(Score::causes).collect(),
         })

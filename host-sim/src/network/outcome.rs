@@ -34,7 +34,12 @@ fn limits(simulation: &Simulation) -> Limits {
     })
 }
 
-pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
+/// The record so far; without sightings, there are none of them in it.
+pub(super) fn record(
+    simulation: &Simulation,
+    wall_seconds: f64,
+    with_sightings: bool,
+) -> RunRecord {
     let scenario = &simulation.scenario;
     let mut nodes = Vec::new();
     let mut targets = Vec::new();
@@ -128,10 +133,12 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             nodes.push(with_traffic(simulation, node));
         }
         let references = references.map(|place| network.cameras[place].id);
-        measured.push(Sightings {
-            network: number + 1,
-            ..measured::sightings(simulation, network, references, console, &numbers)
-        });
+        if with_sightings {
+            measured.push(Sightings {
+                network: number + 1,
+                ..measured::sightings(simulation, network, references, console, &numbers)
+            });
+        }
     }
     nodes.sort_by_key(|node| node.id);
     targets.sort_by_key(|target| target.id);

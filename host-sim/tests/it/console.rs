@@ -302,6 +302,26 @@ fn time_is_over_before_all_have_poses() {
     assert_eq!(console(&name, &arguments).code, 1);
 }
 
+/// A console may listen for months: the end would be too late to tell of a file that is not written.
+#[test]
+fn events_that_cannot_be_written_are_told_at_once() {
+    let (_port, name) = Site::start([pose(), pose()]);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(["console", "--port", &name, "--events", "/dev/full"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let record = lines.next().unwrap().unwrap();
+    let expected = "ERROR host_sim::cli::late: cannot be written, and gets nothing more: No space";
+    assert!(record.contains(expected), "{record}");
+    assert!(record.ends_with("file=\"/dev/full\""), "{record}");
+    assert!(child.try_wait().unwrap().is_none(), "it goes on");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
 /// Ctrl-C ends listening, which is what was asked for, and results are written all the same. The exit
 /// code is that of the verdict: camera 3 is not calibrated.
 #[test]

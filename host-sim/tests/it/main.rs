@@ -11,6 +11,7 @@ mod decryption;
 mod deploy;
 mod events;
 mod live;
+mod logging;
 mod probe;
 mod pseudo_terminal;
 mod real_time;

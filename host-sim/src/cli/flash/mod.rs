@@ -182,6 +182,20 @@ impl Arguments {
                 self.board.title
             );
         };
+        match loader {
+            Loader::Uf2 { .. } => ensure!(
+                self.port.is_none(),
+                "a {} takes a file on the volume that it shows, and no package on a serial port: leave --port out, \
+                 or name the folder with --volume",
+                self.board.title
+            ),
+            Loader::Dfu { .. } => ensure!(
+                self.volume.is_none(),
+                "a {} takes a package on its serial port, and shows no volume: leave --volume out, or name the port \
+                 with --port",
+                self.board.title
+            ),
+        }
         let path = self.image()?;
         let files = Files::default().reads([&path]).reads(&self.config);
         files.writes(&self.file).check()?;

@@ -13,14 +13,16 @@ use std::{
 use anyhow::{Context, bail, ensure};
 use host_sim::{
     live::{About, Command},
+    logging::Throttle,
     mqtt::{BEGIN, Begun as Message, EVENTS, Heard, OFFLINE, ONLINE, Reader, STATUS, Topic},
 };
 use results::record::{
     RunRecord,
     event::{CommandState, EVENT_FORMAT, Event, Looker, What},
 };
+use tracing::{debug, info, warn};
 
-use super::{Audience, Begun, POLL, told};
+use super::{Audience, Begun, POLL, said, told};
 
 /// Time between two looks at the site.
 const LOOKS: Duration = Duration::from_millis(200);
@@ -50,6 +52,7 @@ pub(super) fn run(
         shown: None,
         said: Vec::new(),
         unclear: None,
+        damaged: Throttle::default(),
     };
     let (mut looked, mut news) = (Instant::now(), Instant::now());
     while !interrupted.load(Ordering::Relaxed) {
@@ -99,6 +102,7 @@ struct Site<'a> {
     said: Vec<Event>,
     /// Reason why the publishers are not one site, which is told once.
     unclear: Option<String>,
+    damaged: Throttle,
 }
 
 impl Site<'_> {
@@ -114,6 +118,7 @@ impl Site<'_> {
                     self.is_loaded = true;
                     self.is_new = true;
                 }
+                // It is in the log.
                 Heard::Said(words) => self.say(words),
                 Heard::Message {
                     publisher,
@@ -121,6 +126,9 @@ impl Site<'_> {
                     text,
                 } => {
                     if let Err(error) = self.message(&publisher, &levels, &text) {
+                        if let Some(count) = self.damaged.count(1) {
+                            debug!(publisher, levels, count, "damaged or unknown: {error:#}");
+                        }
                         self.say(format!("{publisher}/{levels}: {error:#}"));
                     }
                 }
@@ -140,6 +148,7 @@ impl Site<'_> {
                     (true, ONLINE) => "is there again",
                     _ => return Ok(()),
                 };
+                info!(publisher = name, "{words}");
                 self.say(format!("publisher {name}: {words}"));
             }
             BEGIN if text.is_empty() => {
@@ -211,8 +220,7 @@ impl Site<'_> {
     }
 
     fn say(&mut self, words: String) {
-        let what = What::Said { node: None, words };
-        self.said.push(Event::new(self.seconds(), what));
+        self.said.push(said(self.seconds(), words));
         // The page begins with the record.
         if self.shown.is_some() || self.unclear.is_some() {
             self.audience.tell(self.said.drain(..));
@@ -260,6 +268,7 @@ impl Site<'_> {
             Err(error) => {
                 let words = error.to_string();
                 if self.unclear.as_ref() != Some(&words) {
+                    warn!("{words}");
                     self.unclear = Some(words.clone());
                     self.say(words);
                 }

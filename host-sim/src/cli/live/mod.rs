@@ -26,7 +26,7 @@ use node_firmware::limits::CONSOLE_BAUD;
 use results::record::event::{self, CommandState, Event, What};
 use site::BUILT_IN;
 
-use super::{file_name, interrupt, print, tell, values, whole_file};
+use super::{file_name, interrupt, log_options::LogOptions, print, tell, values, whole_file};
 
 mod broker;
 mod network;
@@ -49,6 +49,8 @@ pub(super) struct Arguments {
     credentials: Credentials,
     #[command(flatten)]
     serve: ServeOptions,
+    #[command(flatten)]
+    log: LogOptions,
 }
 
 /// Credentials for a broker.
@@ -159,7 +161,11 @@ Exit codes:
 /// Time for which a quiet line, or a paused simulation, is left alone.
 const POLL: Duration = Duration::from_millis(10);
 
+/// Records without --log: the page shows what networks tell.
+pub(super) const LOG: &str = "host_sim=info,host_sim::news=warn";
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    arguments.log.start(LOG)?;
     let interrupted = interrupt::watch()?;
     let begins = |about| start(&arguments.serve, about);
     match &arguments.mqtt {
@@ -182,12 +188,7 @@ impl Audience {
     fn tell(&self, events: impl IntoIterator<Item = Event>) {
         match self {
             Self::Page(server) => server.tell(events),
-            Self::Broker(publisher) => publisher.tell(events.into_iter().inspect(|event| {
-                // No page shows them where it runs.
-                if let What::Said { node: None, words } = &event.what {
-                    tell(words);
-                }
-            })),
+            Self::Broker(publisher) => publisher.tell(events),
         }
     }
 }
@@ -296,6 +297,11 @@ fn wait(audience: &Audience, commands: &Receiver<Command>, interrupted: &AtomicB
         }
         thread::sleep(POLL * 10);
     }
+}
+
+/// Event of words on no single node.
+fn said(seconds: f64, words: String) -> Event {
+    Event::new(seconds, What::Said { node: None, words })
 }
 
 /// Event that tells what became of a command.

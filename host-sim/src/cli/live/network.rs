@@ -17,16 +17,17 @@ use host_sim::{
     live::{About, Command},
 };
 use results::{
-    record::event::{CommandState, Event, Looker, What},
+    record::event::{CommandState, Event, Looker},
     view::{command_name, parse_command},
 };
 use site::Scenario;
+use tracing::warn;
 
 use super::super::{
     console::{check_ports, read_site},
     lines::{Lines, Trouble},
 };
-use super::{Audience, Begun, POLL, SourceOptions, told};
+use super::{Audience, Begun, POLL, SourceOptions, said, told};
 
 /// Time between two looks at the networks.
 const LOOKS: Duration = Duration::from_millis(200);
@@ -133,8 +134,7 @@ impl Networks<'_> {
         let line = &mut self.lines.all[n];
         while let Some(words) = line.news() {
             let words = format!("{}{words}", line.prefix);
-            let said = What::Said { node: None, words };
-            self.audience.tell([Event::new(now.as_secs_f64(), said)]);
+            self.audience.tell([said(now.as_secs_f64(), words)]);
         }
         let network = line.network.get();
         while let Some(what) = line.session.happening(network) {
@@ -157,16 +157,13 @@ impl Networks<'_> {
     }
 
     fn complain(&mut self, now: Duration, n: usize, words: String) {
-        let words = Some(words);
-        if self.asked[n].trouble == words {
-            return;
+        let port = &self.lines.all[n].path;
+        let said = said(now.as_secs_f64(), format!("{port}: {words}"));
+        if self.asked[n].trouble.as_ref() != Some(&words) {
+            warn!(port, "{words}");
+            self.asked[n].trouble = Some(words);
+            self.audience.tell([said]);
         }
-        self.asked[n].trouble = words;
-        let words = self.asked[n].trouble.iter();
-        let words = words.map(|words| format!("{}: {words}", self.lines.all[n].path));
-        let said = words.map(|words| What::Said { node: None, words });
-        let events = said.map(|said| Event::new(now.as_secs_f64(), said));
-        self.audience.tell(events);
     }
 
     fn look(&mut self, now: Duration) {
@@ -178,9 +175,9 @@ impl Networks<'_> {
             Err(error) => {
                 let words = error.to_string();
                 if self.unclear.as_ref() != Some(&words) {
+                    warn!("{words}");
                     self.unclear = Some(words.clone());
-                    let said = What::Said { node: None, words };
-                    self.audience.tell([Event::new(now.as_secs_f64(), said)]);
+                    self.audience.tell([said(now.as_secs_f64(), words)]);
                 }
             }
         }

@@ -568,6 +568,22 @@ fn a_boot_loader_of_another_board_gets_nothing() {
     place.run(&words).fails("before the board's image");
 }
 
+/// A volume and a serial port are different ways to different boards.
+#[test]
+fn an_option_of_the_other_kind_of_boot_loader_is_refused() {
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7004)).unwrap();
+    let folder = volume(&place, XIAO, &[]);
+    for (board, option, error) in [
+        ("xiao-nrf52840", "--port=/dev/ttyACM0", "leave --port out"),
+        ("pca10059", "--volume=volume", "leave --volume out"),
+    ] {
+        let words = ["flash", board, "--image=image.elf", option];
+        place.run(&words).fails(error);
+    }
+    assert!(!folder.join("NODE.UF2").exists());
+}
+
 /// A package for a dongle is a file, too, which another program may bring; it holds the site key.
 #[test]
 fn a_file_for_a_boot_loader() {

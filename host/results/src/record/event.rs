@@ -707,6 +707,17 @@ pub struct Looker {
 }
 
 impl Looker {
+    /// Returns true if a look at this time may use the [sightings](RunRecord::sightings) of the record, of which there
+    /// are many after months: the stream begins, or a verdict is due.
+    pub fn uses_sightings(&self, seconds: f64) -> bool {
+        self.known.is_none() || self.is_verdict_due(seconds)
+    }
+
+    fn is_verdict_due(&self, seconds: f64) -> bool {
+        self.verdict_at
+            .is_none_or(|at| seconds - at >= VERDICT_EVERY)
+    }
+
     /// Events since the last look at a network that goes on. The time when a node was last heard and its traffic
     /// are told at the end only.
     pub fn look(&mut self, record: &RunRecord) -> Vec<Event> {
@@ -719,8 +730,7 @@ impl Looker {
             let radio = radio.clone();
             events.push(Event::new(seconds, What::Traffic { radio }));
         }
-        let is_due = |at: f64| seconds - at >= VERDICT_EVERY;
-        if self.owes_verdict && self.verdict_at.is_none_or(is_due) {
+        if self.owes_verdict && self.is_verdict_due(seconds) {
             events.push(self.verdict(record));
         }
         events
@@ -896,7 +906,12 @@ fn target_changes(before: Option<&Target>, now: &Target) -> Vec<What> {
     }
     let mut folded = before.clone();
     let mut whats = Vec::new();
-    for stop in now.stops.iter().filter(|stop| !before.stops.contains(stop)) {
+    // Mostly each is where it was: to search for all of them takes long after months.
+    let is_there = |place: usize, stop: &Stop| {
+        before.stops.get(place) == Some(stop) || before.stops.contains(stop)
+    };
+    let stops = now.stops.iter().enumerate();
+    for (_, stop) in stops.filter(|(place, stop)| !is_there(*place, stop)) {
         folded.set_stop(stop);
         whats.push(What::Stop {
             target: now.id,

@@ -218,7 +218,7 @@ impl Network {
                 part.targets.retain(|own| own.network == number);
                 part.radio = None;
                 let name = format!("n{number}");
-                let publisher = Publisher::start(broker.clone(), &name, false, |_| ());
+                let publisher = Publisher::start(broker.clone(), &name, false);
                 let network = Self {
                     record: part,
                     looker: Looker::default(),
