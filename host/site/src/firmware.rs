@@ -61,7 +61,7 @@ parameters! {
     configure_node: Config {
         tx_power: i8 => tx_power, Whole(-40.0, 20.0, " dBm"), Is("0"), "Transmit power.";
         protection: u8 => protection, Whole(5.0, 6.0, ": a security level of IEEE 802.15.4"), Is("6"), "How frames are secured: 5 with 32 bits of integrity, 6 with 64.";
-        sleep: bool => sleeps, Flag, Is("false"), "Devices sleep while the network is quiet, and are woken within 1.1 s: for nodes on batteries. The same for all nodes.";
+        sleep: bool => sleeps, Flag, Is("false"), "Devices sleep while the network is quiet, and are woken within 2.1 s: for nodes on batteries. The same for all nodes.";
     }
     configure_coordinator: CoordinatorConfig {
         join_window_s: u16 => join_window_s, Whole(0.0, 600.0, " seconds"), Coordinator("join-window-s"), "Coordinator: how long any device with the site's key may join after start-up.";

@@ -51,7 +51,7 @@ use self::{
 pub use self::{
     outgoing::{ATTEMPTS, BROADCAST_COPIES, Delivery, RETRY_FIRST, RETRY_MAX, SendError, Ticket},
     packet::VERSION,
-    sleep::WAKE_FOR,
+    sleep::{WAKE_FOR, WAKING},
 };
 use crate::{
     Instant,

@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use support::aether::{Aether, eui, key};
 use zigbee_link::{
-    link::{Delivery, WAKE_FOR},
-    radio::SAMPLE_PERIOD,
+    link::{Delivery, WAKE_FOR, WAKING},
     wire::ShortAddress,
 };
 
@@ -65,7 +64,7 @@ fn a_message_to_one_wakes_it() {
         let link = &mut aether.stations[from].node.link;
         let ticket = link.send(now, destination, &7_u8).unwrap();
         let others: Vec<_> = (1..4).filter(|place| ![from, to].contains(place)).collect();
-        let listened = listened(&mut aether, SAMPLE_PERIOD + SECOND / 2);
+        let listened = listened(&mut aether, WAKING + SECOND / 2);
         let result = aether.stations[from].node.link.result_of(ticket);
         assert_eq!(result, Some(Delivery::Delivered), "{from} to {to}");
         assert!(receives(&mut aether, to));
@@ -81,7 +80,7 @@ fn a_message_to_all_wakes_all() {
     for (seed, from) in [(1, 0), (2, 1), (3, 2), (4, 3)] {
         let mut aether = network(0.0, seed);
         aether.run(HOUR);
-        for pause in [SAMPLE_PERIOD + SECOND / 2, SECOND / 2] {
+        for pause in [WAKING + SECOND / 2, SECOND / 2] {
             let now = aether.now;
             let link = &mut aether.stations[from].node.link;
             let _ = link.send(now, ShortAddress::BROADCAST, &7_u8).unwrap();
@@ -109,7 +108,7 @@ fn nothing_waits_in_a_network_that_is_not_quiet() {
         let now = aether.now;
         let link = &mut aether.stations[1].node.link;
         let ticket = link.send(now, ShortAddress::BROADCAST, &7_u8).unwrap();
-        aether.run(SAMPLE_PERIOD + SECOND);
+        aether.run(WAKING + SECOND);
         let _ = aether.stations[1].node.link.result_of(ticket);
         for (from, to) in [(1, 2), (2, 1), (1, 3), (3, 2), (0, 3), (1, 0)] {
             let destination = aether.short(to).unwrap();
@@ -187,7 +186,7 @@ fn devices_that_sleep_follow_their_network() {
     aether.run(HOUR);
     let now = aether.now;
     assert!(aether.stations[0].node.change_pan(now));
-    aether.run(SAMPLE_PERIOD + SECOND);
+    aether.run(WAKING + SECOND);
     let pans = [0, 1, 2, 3].map(|place| aether.stations[place].config.unwrap().pan);
     assert_eq!(pans, [pans[0]; 4]);
     let short = [1, 2, 3].map(|place| aether.short(place).is_some());

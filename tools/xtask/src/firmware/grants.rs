@@ -35,7 +35,6 @@ const SLICE: &str = "core::slice::index::slice_index_fail";
 const TEXT: &str = "core::panicking::panic";
 const UNWRAPPED: &str = "core::option::unwrap_failed";
 
-const CIPHER: &str = "the cipher's state is eight words, its round keys 88, and the library takes both apart at constants and counters of its loops, never at bytes of a frame or a key";
 const LOGGER: &str = "nothing that is logged logs, and every frame is acquired and released once";
 const CRITICAL: &str = "borrowed within a critical section, by code that does not come back";
 const STM32: &str = "clocks, rates and the watchdog's time are constants of the board that the chip can have; numbers of pins, peripherals and pages are the library's";
@@ -46,8 +45,6 @@ const STATICS: &str = "start-up: statics are taken once";
 /// Only on input of the chip itself, of constants, or of other parts of the same library.
 #[rustfmt::skip]
 const GRANTS: &[Grant] = &[
-    grant("aes", BOUNDS, [16, 16], CIPHER),
-    grant("aes", SLICE, [11, 11], CIPHER),
     grant("cobs", BOUNDS, [2, 2], "the frame ends with its zero, and is read up to there only; tested with any bytes"),
     grant("defmt-rtt", MESSAGE, [2, 2], LOGGER),
     grant("embassy-executor", MESSAGE, [1, 1], "time is awaited by tasks of the executor only, whose wakers these are"),

@@ -70,10 +70,11 @@ const AUDITED: [Audited; 2] = [
         // The aims for flash and stack are not met. Enforced are the measured values, rounded up, so that they get
         // no worse: lower them when the image shrinks. 5.3 KB are the Pixy2's, which any node may have, 2.4 KB are
         // for bringing a target to another network and for the line of its stops, 2 KB for the judging of colours,
-        // 17 KB for the tracking of objects, 12 KB for cameras that are not level; the chip has 1 MB. Of the RAM 82 KB are the equations of the stops
+        // 17 KB for the tracking of objects, 12 KB for cameras that are not level, 2.5 KB for
+        // sleep; the chip has 1 MB. Of the RAM 82 KB are the equations of the stops
         // that a target estimates together.
         budget: Budget {
-            flash: 300 << 10,
+            flash: 302 << 10,
             ram: 152 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 120 << 10, 8 << 10],
