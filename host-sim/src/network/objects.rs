@@ -132,12 +132,9 @@ impl Walker {
             }
             Next::Anywhere(clearance, random) => {
                 (0..TRIES).map(|_| somewhere(world, random)).find(|&goal| {
-                    let is_free = || {
-                        world
-                            .obstacle_on_way(here, goal, radius + *clearance)
-                            .is_none()
-                    };
-                    is_seen(world, goal, radius) && is_free()
+                    // The cheap question first: one who stands in a corner asks at every move.
+                    let blocked = world.obstacle_on_way(here, goal, radius + *clearance);
+                    blocked.is_none() && is_seen(world, goal, radius)
                 })
             }
         }

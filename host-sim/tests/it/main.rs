@@ -5,6 +5,7 @@ mod small;
 
 mod camera_line;
 mod chip_process;
+mod chip_walk;
 mod chips;
 mod console;
 mod decryption;

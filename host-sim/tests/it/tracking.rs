@@ -19,6 +19,7 @@ struct Run {
     events: Vec<Event>,
 }
 
+/// The office, with these objects, or two drawn ones where there are none.
 fn office(seed: u64, objects: Vec<ObjectTable>) -> Scenario {
     let mut scenario = Scenario::load("office", &Overrides::default()).unwrap();
     scenario.seed = seed;
@@ -27,26 +28,37 @@ fn office(seed: u64, objects: Vec<ObjectTable>) -> Scenario {
 }
 
 impl Run {
-    /// Two drawn objects walk about in the office for so many seconds, or those of the scenario.
-    fn office(seed: u64, seconds: f64, objects: Vec<ObjectTable>) -> Self {
-        Self::of(office(seed, objects), seconds)
-    }
-
-    fn of(scenario: Scenario, seconds: f64) -> Self {
-        let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
-        simulation.take_orders();
-        simulation.watch();
+    /// Runs with an onlooker, whose looks take half of the time.
+    fn watched(scenario: Scenario, seconds: f64) -> Self {
         let mut onlooker = Onlooker::default();
         let mut events = Vec::new();
+        let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
+        simulation.watch();
+        let look = |s: &mut Simulation| events.extend(onlooker.look(s));
+        let run = Self::of(&mut simulation, seconds, look);
+        events.extend(onlooker.end(&simulation, &run.record, None));
+        Self { events, ..run }
+    }
+
+    /// Runs without one, and so without events.
+    fn alone(scenario: Scenario, seconds: f64) -> Self {
+        let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
+        Self::of(&mut simulation, seconds, |_| ())
+    }
+
+    fn of(
+        simulation: &mut Simulation,
+        seconds: f64,
+        mut look: impl FnMut(&mut Simulation),
+    ) -> Self {
+        simulation.take_orders();
         let every = 200_000_000;
-        simulation.run_watched(every, |_| (), |s| events.extend(onlooker.look(s)));
-        let tracked = simulation.track(seconds, every, |s| events.extend(onlooker.look(s)));
+        simulation.run_watched(every, |_| (), &mut look);
         let TrackingRun {
             record,
             rows,
             causes,
-        } = tracked.unwrap();
-        events.extend(onlooker.end(&simulation, &record, None));
+        } = simulation.track(seconds, every, look).unwrap();
         let record = RunRecord {
             wall_seconds: None,
             ..record
@@ -55,7 +67,7 @@ impl Run {
             record,
             rows,
             causes,
-            events,
+            events: Vec::new(),
         }
     }
 
@@ -70,7 +82,7 @@ impl Run {
 /// effect of sigmas that are 30 % too large or too small.
 #[test]
 fn two_objects_through_an_office_that_calibrated_itself() {
-    let runs = [1, 2, 3].map(|seed| Run::office(seed, 60.0, Vec::new()));
+    let runs = [1, 2, 3].map(|seed| Run::alone(office(seed, Vec::new()), 60.0));
     for run in &runs {
         println!("{:?} {:?}", run.tracking(), run.causes);
         let run = run.tracking();
@@ -111,7 +123,7 @@ fn an_object_goes_its_way_and_is_told() {
         speed: Some(1.0),
         ..ObjectTable::default()
     };
-    let run = Run::office(1, 20.0, vec![object]);
+    let run = Run::watched(office(1, vec![object]), 20.0);
     let tracking = run.tracking();
     assert_eq!((tracking.objects, tracking.ghosts), (1, 0), "{tracking:?}");
     assert!(tracking.covered > 0.95, "{tracking:?}");
@@ -156,7 +168,7 @@ fn before_one_camera(seed: u64, radius: f64) -> Tracking {
     };
     let mut scenario = office(seed, vec![object]);
     scenario.firmware.ball_radius = Some(0.15);
-    Run::of(scenario, 40.0).tracking()
+    Run::alone(scenario, 40.0).tracking()
 }
 
 /// By its size, one camera tells where a ball is, and its error is as large as it says: from both sides, over

@@ -155,13 +155,21 @@ impl Picture {
     /// From a colour for each pixel, row by row from the upper left corner; full range. `None` where
     /// [`Plane::new`] has none.
     pub fn from_rgb(width: usize, height: usize, pixels: &[Rgb]) -> Option<Self> {
-        let plane = |component: usize| {
-            let samples = pixels.iter().map(|&pixel| components(pixel)[component]);
-            Plane::new(width, height, samples.collect())
-        };
+        let mut planes = [(); 3].map(|()| Vec::with_capacity(pixels.len()));
+        // Neighbours are often alike.
+        let (mut last, mut same) = (Rgb::default(), components(Rgb::default()));
+        for &pixel in pixels {
+            if pixel != last {
+                (last, same) = (pixel, components(pixel));
+            }
+            for (plane, level) in planes.iter_mut().zip(same) {
+                plane.push(level);
+            }
+        }
+        let [luminance, blue, red] = planes.map(|samples| Plane::new(width, height, samples));
         Some(Self {
-            luminance: plane(0)?,
-            chrominance: Some([plane(1)?, plane(2)?]),
+            luminance: luminance?,
+            chrominance: Some([blue?, red?]),
             full_range: true,
         })
     }

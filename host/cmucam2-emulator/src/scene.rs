@@ -335,18 +335,27 @@ impl Scene {
     pub fn picture(&self, at: f64, width: usize, height: usize) -> Option<Picture> {
         let patches: Vec<Patch> = self.patches(at).collect();
         let place = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
-        let pixel = |x: usize, y: usize| {
-            let (x, y) = (place(x, width), place(y, height));
-            let patch = patches.iter().rev().find(|patch| patch.covers(x, y));
-            let colour = patch.map_or_else(
-                || self.background.colour(x, y),
-                |patch| patch.colour.map(f64::from),
-            );
-            // Saturating casts.
-            std::array::from_fn(|channel| (colour[channel] * self.light[channel]).round() as u8)
-        };
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let pixels: Vec<Rgb> = pixels.map(|(x, y)| pixel(x, y)).collect();
+        let mut pixels = Vec::new();
+        // Neighbours are often alike.
+        let mut last = ([0.0; 3], Rgb::default());
+        for y in 0..height {
+            let y = place(y, height);
+            for x in 0..width {
+                let x = place(x, width);
+                let patch = patches.iter().rev().find(|patch| patch.covers(x, y));
+                let colour = patch.map_or_else(
+                    || self.background.colour(x, y),
+                    |patch| patch.colour.map(f64::from),
+                );
+                if colour != last.0 {
+                    // Saturating casts.
+                    let lit =
+                        |channel: usize| (colour[channel] * self.light[channel]).round() as u8;
+                    last = (colour, std::array::from_fn(lit));
+                }
+                pixels.push(last.1);
+            }
+        }
         Picture::from_rgb(width, height, &pixels)
     }
 

@@ -77,7 +77,7 @@ fn ignored_suites() -> impl Iterator<Item = Suite> {
         .into_iter()
         .chain([peers::FIREFOX])
         .chain(chip::SUITES)
-        .chain([chip::PLUG])
+        .chain([chip::PLUG, chip::WALK])
 }
 
 /// Returns true where nothing of the workspace but the chores has been built yet.

@@ -241,9 +241,13 @@ const STAGES: [Stage; 23] = [
         .needs(setup::firefox)
         .nightly(),
     stage("fuzz", "fuzz targets, guided by coverage", fuzz::briefly).nightly(),
-    stage("soak", "long runs: parsers, power cuts, campaign", soak)
-        .needs(packages_and_linker)
-        .nightly(),
+    stage(
+        "soak",
+        "long runs: parsers, power cuts, a walk on emulated chips, campaign",
+        soak,
+    )
+    .needs(packages_and_linker)
+    .nightly(),
 ];
 
 impl Test {

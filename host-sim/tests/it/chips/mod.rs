@@ -1,5 +1,5 @@
 //! Networks on emulated nRF52840s that run the image that is flashed. `cargo xtask test --stage chip` builds
-//! it and runs these. `XTASK_ALL=1` also runs tests that take long and find little more.
+//! it and runs these.
 #![cfg(feature = "chip")]
 
 mod chip_faults;
@@ -50,7 +50,10 @@ impl io::Write for Pages {
 const LOOKS: u64 = 300_000_000;
 
 /// A run, with all frames on the air and its log.
-fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
+pub(crate) fn run(
+    scenario: Scenario,
+    further_stops: usize,
+) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
     run_watched(scenario, further_stops, None)
 }
 
@@ -223,22 +226,5 @@ fn lab_calibrates() {
         });
         let is_joint = reports.any(|report| report.joint.is_some());
         assert_eq!(is_joint, node.role == Role::Camera, "node {}", node.id);
-    }
-}
-
-/// From blank flash to 13 poses.
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn thesis_13_calibrates() {
-    let scenario = Scenario::load("thesis-13", &Overrides::default()).unwrap();
-    let (_, record, _) = run(scenario, 0);
-    assert_eq!(record.summary.calibrated, 13);
-    for camera in record.cameras() {
-        let error = camera.error.as_ref().unwrap();
-        assert!(
-            camera.nees.is_none_or(|nees| nees < 25.0),
-            "{}: {error:?}",
-            camera.id
-        );
     }
 }
