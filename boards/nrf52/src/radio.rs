@@ -14,7 +14,7 @@ use embassy_futures::select::{Either, Either3, select, select3};
 use embassy_nrf::{
     pac::{
         self,
-        radio::vals::{Ccamode, Crcstatus},
+        radio::vals::{Ccamode, Crcstatus, State as RadioState},
     },
     radio::ieee802154::{self, Packet},
 };
@@ -313,6 +313,8 @@ impl Driver {
     /// Rests until it has to listen, with radio and crystal off, or until a request comes.
     async fn rest(&mut self) -> Option<Request> {
         pac::RADIO.tasks_disable().write_value(1);
+        // Some microseconds, in which it needs the crystal.
+        while pac::RADIO.state().read().state() != RadioState::Disabled {}
         pac::CLOCK.tasks_hfclkstop().write_value(1);
         let rested = select(Timer::after(RESTING), self.shared.requests.receive()).await;
         // It takes 0.36 ms (Product Specification, "HFXO").

@@ -1,8 +1,11 @@
 //! Effects that take long, or pass unnoticed: idle days, restarts in them, flash that rots and wears, clocks
 //! that drift, carriers who rest or hurry.
 
+use std::collections::BTreeMap;
+
 use results::record::{Estimate, RunRecord};
 use site::{Action, Overrides, Scenario};
+use test_support::amount;
 
 use crate::network::yard::{
     COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_fair,
@@ -87,6 +90,40 @@ fn seven_idle_days_with_a_restart_every_hour() {
             node.id
         );
         assert!(years > 5.0, "node {}: {years} years", node.id);
+    }
+}
+
+/// Three walks an hour apart. Between them nodes and their cameras sleep, and are woken when the target leaves. A camera
+/// sees it as often as one that never sleeps, but for a look or two that are a matter of chance.
+#[test]
+fn cameras_that_sleep_between_walks_miss_none_of_their_stops() {
+    for seed in 0..amount(3, 30) {
+        let [awake, asleep] = [false, true].map(|sleep| {
+            let overrides = Overrides {
+                seed: Some(seed),
+                path: Some(1 + seed % 3),
+                ..Overrides::default()
+            };
+            let mut scenario = Scenario::load("lab", &overrides).unwrap();
+            scenario.firmware.sleep = Some(sleep);
+            scenario.walk.walks = 3;
+            scenario.walk.every_s = HOUR_S;
+            let record = run(scenario);
+            assert!(record.sim_seconds > 2.0 * HOUR_S);
+            assert_all_calibrated(&record, "walks an hour apart");
+            let mut seen = BTreeMap::<u16, usize>::new();
+            for bearing in &record.sightings[0].bearings {
+                *seen.entry(bearing.camera).or_default() += 1;
+            }
+            seen
+        });
+        for (camera, stops) in awake {
+            let kept = asleep.get(&camera).copied().unwrap_or_default();
+            assert!(
+                kept + 2 >= stops,
+                "seed {seed}, camera {camera}: {kept} of {stops}"
+            );
+        }
     }
 }
 

@@ -8,7 +8,13 @@ mod sensors;
 mod update;
 
 use std::{
-    collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,
+    collections::{BTreeMap, VecDeque},
+    env,
+    f64::consts::FRAC_PI_2,
+    fs,
+    ops::Range,
+    path::PathBuf,
+    sync::Arc,
 };
 
 use cmucam2_emulator::{Configuration, Emulator, Scene};
@@ -16,7 +22,7 @@ use defmt_decoder::{DecodeError, Table};
 use embassy_futures::block_on;
 use node_firmware::{
     config::{CheckedConfig, SiteKey, page},
-    console::{Frames, ToPc},
+    console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
     facts::{self, Fact, FactStore},
 };
 use nrf52840_emulator::{
@@ -505,6 +511,106 @@ fn what_nodes_draw() {
         );
         assert!((6.0..9.0).contains(&current.total()), "{role}: {current:?}");
     }
+}
+
+/// The same node in a network that sleeps while it is quiet.
+fn sleeping(config: &CheckedConfig) -> Node {
+    let mut config = config.settings().clone();
+    config.sleeps = true;
+    node(&config.check().unwrap())
+}
+
+/// Bytes that a PC sends from a time on, one after the other.
+#[derive(Debug)]
+struct Line {
+    next: u64,
+    bytes: VecDeque<u8>,
+}
+
+impl Peer for Line {
+    fn receive(&mut self, _: u8, _: u64) {}
+
+    fn transmit(&mut self, now: u64) -> Option<u8> {
+        if now < self.next {
+            return None;
+        }
+        // Of 115,200 baud.
+        self.next = now + 86_806;
+        self.bytes.pop_front()
+    }
+
+    fn next(&self) -> Option<u64> {
+        (!self.bytes.is_empty()).then_some(self.next)
+    }
+}
+
+/// A camera of a quiet network listens for half a percent of the time, and its camera sleeps; a command of the PC wakes
+/// both.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_node_of_a_quiet_network_sleeps_until_it_is_woken() {
+    const ASKED: u64 = 290 * S;
+    const END: u64 = 300 * S;
+    let lab = lab();
+    let mut buffer = [0; FRAME_MAX];
+    let asks = encode(&FromPc::Sightings(1), &mut buffer).unwrap();
+    let nodes = |begins| {
+        let coordinator = Node {
+            peer: Some(Box::new(Line {
+                next: begins,
+                bytes: asks.iter().copied().collect(),
+            })),
+            ..sleeping(&lab.configs.coordinator)
+        };
+        let eye = Node {
+            peer: Some(Box::new(lab.eye(0))),
+            ..sleeping(&lab.configs.cameras[0])
+        };
+        vec![coordinator, eye]
+    };
+    let camera = |until: u64, begins: u64| {
+        let (mut outcomes, frames) = run(nodes(begins), until, everybody).unwrap();
+        for outcome in &outcomes {
+            in_order(outcome);
+        }
+        (outcomes.pop().unwrap(), frames)
+    };
+    // Asleep from the hundred and fortieth second on.
+    let (before, _) = camera(150 * S, END);
+    let (asleep, _) = camera(ASKED, END);
+    let night = Outcome {
+        powered: asleep.powered - before.powered,
+        radio_on: [0, 1].map(|way| asleep.radio_on[way] - before.radio_on[way]),
+        uart_on: [0, 1].map(|way| asleep.uart_on[way] - before.uart_on[way]),
+        instructions: asleep.instructions - before.instructions,
+        ..Outcome::default()
+    };
+    let share = night.radio_on[0] as f64 / night.powered as f64;
+    let current = Current::of(&night, 0);
+    println!(
+        "a camera that sleeps listens for {:.2} % and draws {:.3} mA, without its UART {:.3} mA",
+        100.0 * share,
+        current.total(),
+        current.without_waiting_line(&night).total(),
+    );
+    assert!((0.004..0.01).contains(&share), "{share}");
+    assert!(
+        current.without_waiting_line(&night).total() < 0.05,
+        "{current:?}"
+    );
+    let line: Vec<u8> = asleep.line.iter().map(|&(_, byte)| byte).collect();
+    assert!(String::from_utf8_lossy(&line).contains("\rSD"));
+    let (woken, frames) = camera(END, ASKED);
+    assert!(woken.radio_on[0] > asleep.radio_on[0] + 5 * S);
+    let answers = frames
+        .iter()
+        .filter(|frame| frame.node == 1 && frame.start > ASKED);
+    let first = answers.map(|frame| frame.start).min().unwrap();
+    println!("it answers after {} ms", (first - ASKED) / MS);
+    assert!(first < ASKED + 2_500 * MS, "{first}");
+    // The camera starts anew.
+    let times = woken.line.iter();
+    assert!(times.filter(|(at, _)| *at > ASKED).count() > 10);
 }
 
 /// Sensors of the target as its carrier wears them: a reading lasts until the next one.
