@@ -6,8 +6,8 @@
 //! and listens all the time for [`WAKE_FOR`]. Coordinated sampled listening of IEEE 802.15.4-2015 (6.12.2) and X-MAC
 //! (Buettner et al. 2006) do likewise.
 //!
-//! A coordinator never sleeps, so that messages to it go out at once. The empty frames are not secured: whoever sends
-//! them keeps devices awake, which costs their batteries, and nothing else.
+//! A coordinator never sleeps, so that messages to it go out at once. The empty frames are not secured: an attacker
+//! who sends them keeps devices awake, which costs their batteries, and nothing else.
 
 use core::time::Duration;
 

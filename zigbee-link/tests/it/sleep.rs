@@ -53,7 +53,7 @@ fn devices_of_a_quiet_network_hardly_listen_and_stay_members() {
     assert_eq!([1, 2, 3].map(|place| aether.short(place)), shorts);
 }
 
-/// Within the time that is promised, whoever sends, and whoever receives.
+/// Within the time that is promised, for any sender and any receiver.
 #[test]
 fn a_message_to_one_wakes_it() {
     let mut aether = network(0.0, 2);
