@@ -31,7 +31,7 @@ const IMAGES: [Image; 4] = [
     Image {
         name: "link",
         contents: "messages, security, 16 peers",
-        budget: Some((17 * 1024 + 256, 4 * 1024)),
+        budget: Some((17 * 1024 + 768, 4 * 1024)),
     },
     Image {
         name: "store",
