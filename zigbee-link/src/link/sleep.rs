@@ -17,7 +17,7 @@ use crate::{
     wire::ShortAddress,
 };
 
-/// Time for which a node that was woken listens. Other nodes count on less, see [`COUNTED_ON`].
+/// Time for which a node that was woken listens. Other nodes count on three quarters of it.
 pub const WAKE_FOR: Duration = Duration::from_secs(120);
 
 /// Time after it was woken for which a node counts as awake: what is begun then comes to its end before the node

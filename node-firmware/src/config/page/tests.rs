@@ -183,7 +183,7 @@ fn values_are_checked_both_ways() {
     assert_eq!(config.clone().check(), Err(ConfigError::TxPower));
     let mut body = [0; PAGE_MAX];
     let body = postcard::to_slice(&config, &mut body).unwrap();
-    let body = [body, &[0]].concat();
+    let body = [&*body, &[0]].concat();
     assert_eq!(
         decode(&forged(VERSION, body.len() as u16, &body)),
         Err(error)
