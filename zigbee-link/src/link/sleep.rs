@@ -222,6 +222,7 @@ mod tests {
     fn it_sleeps_when_nothing_has_happened_for_two_minutes() {
         let mut sleep = used();
         sleep.stay_awake(NOW);
+        sleep.poll(NOW);
         let until = sleep.deadline().unwrap();
         assert_eq!(until, NOW + WAKE_FOR);
         sleep.poll(Instant(until.0 - 1));
