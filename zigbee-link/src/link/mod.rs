@@ -300,6 +300,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// do not: in the next network they belong to other nodes.
     pub fn detach(&mut self) {
         self.attachment = None;
+        self.sleep.give_up();
         self.presence.due = None;
         self.session.peers.forget_addresses();
         self.replies.clear();

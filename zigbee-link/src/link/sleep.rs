@@ -134,6 +134,11 @@ impl Sleep {
         self.waking = (to, now + WAKING);
     }
 
+    /// Wakes no other node any more, as it left their network.
+    pub(super) const fn give_up(&mut self) {
+        self.waking.0 = ShortAddress::UNASSIGNED;
+    }
+
     /// Wakes the receiver of a message after so many attempts without answer; or all, where another one has just been
     /// woken: there is something to tell to several.
     pub(super) fn wake_for(&mut self, now: Instant, to: ShortAddress, attempts: u8) {
@@ -262,6 +267,17 @@ mod tests {
             assert!(sleep.has_to_wake(all + COUNTED_ON, to, 0));
         }
         assert!(COUNTED_ON < WAKE_FOR);
+    }
+
+    /// What it has to send in its next network does not wait.
+    #[test]
+    fn a_node_that_leaves_its_network_wakes_none() {
+        let mut sleep = used();
+        sleep.wake(NOW, ShortAddress::BROADCAST);
+        sleep.give_up();
+        assert_eq!(sleep.waking(), None);
+        sleep.poll(NOW + WAKING);
+        assert!(sleep.has_to_wake(NOW + WAKING, ShortAddress::BROADCAST, 0));
     }
 
     #[test]

@@ -36,6 +36,7 @@
 //!     addresses again. Every frame to the configured addresses or to all must be delivered;
 //!     so must every beacon of the configured PAN, or of any PAN if that is [`PanId::BROADCAST`]; and,
 //!     [promiscuous](RadioConfig::promiscuous), every frame.
+//!     A radio that [samples](RadioConfig::sampled) delivers those frames that begin while it listens.
 //! 14. Frames that arrive are untrusted: a radio must deliver any bytes at all without failing.
 //!
 //! **Errors**

@@ -13,6 +13,7 @@ use super::{
     FIRST_COORDINATOR,
     error::ScenarioError,
     file::{CameraTable, NetworkTable, PlacedCamera, Scenario, TargetTable},
+    firmware::FirmwareTable,
 };
 use crate::world::Variant;
 
@@ -166,6 +167,18 @@ pub(super) fn fault_rates(
     Ok(rates)
 }
 
+/// A node that sleeps alone would not be woken by the others, and would not be told of stops.
+fn sleep(scenario: &Scenario, name: &str, own: Option<FirmwareTable>) -> Checked {
+    let all = scenario.firmware.sleep.unwrap_or_default();
+    match own.and_then(|own| own.sleep).filter(|&own| own != all) {
+        None => Ok(()),
+        Some(own) => {
+            let allowed = "the same for all nodes: say it in `[firmware]` alone";
+            Err(refuse(format!("{name}.firmware.sleep"), own, allowed))
+        }
+    }
+}
+
 fn network(
     scenario: &Scenario,
     name: &str,
@@ -206,11 +219,13 @@ fn network(
             place(&format!("{name} (x, y)"), at.into(), scenario)?;
         }
         self::camera(&name, &scenario.camera.for_camera(camera))?;
+        sleep(scenario, &name, camera.firmware)?;
     }
     for (n, target) in (1..).zip(&network.targets) {
         let name = format!("{name}.target {n}");
         take(format!("{name}.id"), target.id)?;
         self::target(scenario, &name, target)?;
+        sleep(scenario, &name, target.firmware)?;
         let first = network.targets.first().and_then(|first| first.height);
         if target.height != first {
             let found = target

@@ -412,6 +412,10 @@ fn errors_name_key_and_line() {
             ["no key `stps` at the top", "did you mean `stops`?"],
         ),
         (
+            SITE.replace("id = 3 }", "id = 3, firmware = { sleep = true } }"),
+            ["camera 3.firmware.sleep` is true", "the same for all nodes"],
+        ),
+        (
             SITE.replace("\"pin-hole\"", "\"pinnhole\""),
             [
                 "line 5: `camera.projection` is pinnhole: it must be `\"pin-hole\"` or",

@@ -26,7 +26,8 @@ pub(crate) fn run(bytes: &[u8]) {
         extended: None,
         former_key: None,
     };
-    let settings = NetworkSettings::new(Eui64([2, 0, 0, 0, 0, 0, 0, 1]), 1);
+    let mut settings = NetworkSettings::new(Eui64([2, 0, 0, 0, 0, 0, 0, 1]), 1);
+    settings.sleeps = kind & 8 != 0;
     let mut now = Instant(0);
     let mut node: Node<4, 2, 4> = if kind % 2 == 0 {
         Node::coordinator(settings, &saved, [None; 4])
