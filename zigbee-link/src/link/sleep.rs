@@ -269,7 +269,7 @@ mod tests {
         assert!(COUNTED_ON < WAKE_FOR);
     }
 
-    /// What it has to send in its next network does not wait.
+    /// Frames that it has to send in its next network do not wait.
     #[test]
     fn a_node_that_leaves_its_network_wakes_none() {
         let mut sleep = used();
