@@ -335,17 +335,17 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
     }
 
     fn begin_configuring(&mut self, config: RadioConfig, now: Instant) {
-        // A co-processor listens always.
-        let config = RadioConfig {
-            sampled: false,
-            ..config
+        let before = self.config.replace(config);
+        let is_same = |before: RadioConfig| {
+            let sampled = !config.sampled;
+            before == RadioConfig { sampled, ..config }
         };
-        if self.ready && self.step == Step::Idle && self.config == Some(config) {
+        // A co-processor listens always: there is nothing to tell it.
+        if self.ready && self.step == Step::Idle && before.is_some_and(is_same) {
             self.outcome = Some(Ok(RcpOutcome::Configured));
             return;
         }
         self.goal = Goal::Configure;
-        self.config = Some(config);
         match self.step {
             _ if self.ready => self.enter(Step::Set(0), now),
             Step::Set(_) => self.enter(Step::Set(0), now),

@@ -9,7 +9,10 @@ use spinel_radio::{
     session::{RcpOutcome, RcpRequest},
     status::SpinelStatus,
 };
-use zigbee_link::{radio::TxOutcome, wire::Eui64};
+use zigbee_link::{
+    radio::{RadioConfig, TxOutcome},
+    wire::Eui64,
+};
 
 use crate::session::bench::{
     BROADCAST, Bench, CONFIG, POLICY, SENT, UNICAST, key, line, status, works,
@@ -49,6 +52,23 @@ fn configuring_byte_for_byte() {
         bench.run(RcpRequest::Configure(CONFIG), works),
         Ok(RcpOutcome::Configured)
     );
+    assert_eq!(bench.heard.len(), 9);
+
+    // It is not told when it may sleep, for it never does.
+    bench.heard.clear();
+    for sampled in [true, false] {
+        let config = RadioConfig { sampled, ..CONFIG };
+        let configured = bench.run(RcpRequest::Configure(config), works);
+        assert_eq!(configured, Ok(RcpOutcome::Configured));
+    }
+    assert!(bench.heard.is_empty());
+    let elsewhere = RadioConfig {
+        sampled: true,
+        tx_power: 4,
+        ..CONFIG
+    };
+    let configured = bench.run(RcpRequest::Configure(elsewhere), works);
+    assert_eq!(configured, Ok(RcpOutcome::Configured));
     assert_eq!(bench.heard.len(), 9);
 }
 
