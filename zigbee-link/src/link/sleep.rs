@@ -38,13 +38,14 @@ const DOUBTED: u8 = 6;
 /// A node that does not answer is woken again after so long at the earliest.
 const AGAIN: Duration = Duration::from_secs(10);
 
-/// Sleep of a node, and its knowledge of that of others. Times that never were are those of the start.
+/// Time of what never was.
+const START: Instant = Instant(0);
+
+/// Sleep of a node, and its knowledge of that of others.
 #[derive(Clone, Debug)]
 pub(super) struct Sleep {
     /// False: all nodes of the network listen always.
     is_used: bool,
-    /// The node has started.
-    is_begun: bool,
     is_asleep: bool,
     /// It listens until then, at least.
     awake: Instant,
@@ -62,10 +63,8 @@ pub(super) struct Sleep {
 
 impl Sleep {
     pub(super) const fn new() -> Self {
-        const START: Instant = Instant(0);
         Self {
             is_used: false,
-            is_begun: false,
             is_asleep: false,
             awake: START,
             answer: START,
@@ -90,7 +89,7 @@ impl Sleep {
 
     /// Takes note of the time. At first the node has just started.
     pub(super) fn poll(&mut self, now: Instant) {
-        if !core::mem::replace(&mut self.is_begun, true) {
+        if self.awake == START {
             self.stay_awake(now);
         }
         let (to, until) = self.waking;
@@ -159,7 +158,7 @@ impl Sleep {
 
     /// An answer came.
     pub(super) const fn on_answered(&mut self) {
-        self.answer = Instant(0);
+        self.answer = START;
     }
 
     /// Returns true if a message to this node, or to all, has to wait until the receiver is woken, after so many
@@ -171,7 +170,7 @@ impl Sleep {
             return false;
         }
         let (one, until) = self.one;
-        let one = if one == to { until } else { Instant(0) };
+        let one = if one == to { until } else { START };
         let (until, now) = match to {
             ShortAddress::BROADCAST => (self.all, now),
             _ if attempts >= DOUBTED => (one, now + (COUNTED_ON - AGAIN)),
