@@ -16,6 +16,7 @@ use campaign::{
 };
 use results::record::RunRecord;
 use site::{Overrides, Scenario};
+use test_support::amount;
 
 /// Errors of the carrier that nodes believe in: the shipped ones, or none. The surer nodes are, the more a fault
 /// deceives them.
@@ -27,7 +28,7 @@ enum Carrier {
 
 use Carrier::{Known, Shipped};
 
-/// Beside the seed of the file, with which it was found.
+/// At night, beside the seed of the file, with which it was found. By day the stage `campaign` draws others.
 const SEEDS: [u64; 2] = [1, 2];
 
 /// Scenarios that broke the network once.
@@ -60,7 +61,8 @@ fn record(scenario: &Scenario) -> RunRecord {
 fn deceiving(path: &Path, carrier: Carrier) -> BTreeSet<u64> {
     let text = fs::read_to_string(path).unwrap();
     let written = Scenario::from_toml(&text, &Overrides::default()).unwrap();
-    let seeds = SEEDS.into_iter().chain([written.seed]);
+    let others = SEEDS.into_iter().take(amount(0, SEEDS.len()));
+    let seeds = others.chain([written.seed]);
     let deceives = seeds.filter(|seed| {
         let mut scenario = written.clone();
         scenario.seed = *seed;
