@@ -1,5 +1,7 @@
 //! Answers of a solve, with covariances.
 
+use core::task::Poll;
+
 use nalgebra::{Matrix2, Point2, SMatrix};
 
 use super::{
@@ -214,9 +216,18 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
+    /// A slice of the way to covariances. Returns true where none is left: they are there, or there are none.
+    pub(super) fn has_told(&mut self) -> bool {
+        self.common.told == Told::Covariances || self.find_covariances() == Poll::Ready(None)
+    }
+
     /// Makes covariances ready.
     pub(super) fn tell(&mut self) -> Result<(), Refusal> {
-        self.find_covariances().ok_or(Refusal::Undetermined)
+        loop {
+            if let Poll::Ready(found) = self.find_covariances() {
+                return found.ok_or(Refusal::Undetermined);
+            }
+        }
     }
 
     /// The covariance of a camera's unknowns.

@@ -3,6 +3,8 @@
 //! A step that leads uphill is halved until it does not, so that estimates are never worse than
 //! where they began. Nothing is carried from one pass to the next but the estimates.
 
+use core::task::Poll;
+
 use super::{
     JointSolution,
     problem::{Problem, REFERENCES, Standing, Told},
@@ -33,6 +35,8 @@ const ROUNDS: u8 = 16;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Descent<T> {
     best: Option<T>,
+    /// Of the pass under way: chi squared, and by how much it fell.
+    begun: Option<(T, Option<T>)>,
     passes: u8,
     halvings: u8,
     stalled: bool,
@@ -42,6 +46,7 @@ impl<T> Descent<T> {
     pub(super) fn new() -> Self {
         Self {
             best: None,
+            begun: None,
             passes: 0,
             halvings: 0,
             stalled: false,
@@ -68,6 +73,8 @@ enum Doing<T> {
     /// Lets in cameras from this one on.
     Admitting(usize),
     Descending(Descent<T>),
+    /// Puts out cameras that are no longer what they were let in for.
+    Evicting,
     /// Puts back measurements from this one on.
     Readmitting(usize),
 }
@@ -116,9 +123,26 @@ impl<T: Real> Problem<'_, T> {
                     return self.end_round(settling);
                 }
                 settling.doing = Doing::Descending(Descent::new());
-                self.step_settling_down(settling, limits)
+                self.step_settling_down(settling)
             }
-            Doing::Descending(_) => self.step_settling_down(settling, limits),
+            Doing::Descending(_) => self.step_settling_down(settling),
+            Doing::Evicting => {
+                // If there are none, no camera has a pose.
+                if !self.has_told() {
+                    return None;
+                }
+                let factor = lit(HYSTERESIS);
+                let evicted = self.evict(&Limits {
+                    position: limits.position * factor,
+                    heading: limits.heading * factor,
+                });
+                settling.changed |= evicted > 0;
+                if evicted > 0 || is_last {
+                    return self.end_round(settling);
+                }
+                settling.doing = Doing::Readmitting(0);
+                None
+            }
             Doing::Readmitting(from) => {
                 let Some(measurement) = self.next_excluded(from) else {
                     return self.end_round(settling);
@@ -133,7 +157,6 @@ impl<T: Real> Problem<'_, T> {
     fn step_settling_down(
         &mut self,
         settling: &mut Settling<T>,
-        limits: &Limits<T>,
     ) -> Option<Result<JointSolution<T>, Refusal>> {
         let Doing::Descending(descent) = &mut settling.doing else {
             return None;
@@ -142,17 +165,8 @@ impl<T: Real> Problem<'_, T> {
         settling.passes += usize::from(descent.passes);
         match descended {
             Ok(cost) => {
-                let factor = lit(HYSTERESIS);
-                let evicted = self.evict(&Limits {
-                    position: limits.position * factor,
-                    heading: limits.heading * factor,
-                });
-                settling.changed |= evicted > 0;
                 settling.chi_squared = Some(cost);
-                if evicted > 0 || settling.round + 1 >= ROUNDS {
-                    return self.end_round(settling);
-                }
-                settling.doing = Doing::Readmitting(0);
+                settling.doing = Doing::Evicting;
                 None
             }
             // Among the cameras that came last the one that fits worst is to blame.
@@ -240,27 +254,21 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// One pass, until the estimates no longer move: chi squared there.
+    /// A slice of a pass, until the estimates no longer move: chi squared there.
     ///
     /// # Errors
     /// [`Refusal::DidNotConverge`]; estimates are then the best that were found.
     #[inline(never)] // for less flash
     pub(super) fn descend(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
         let failed = Some(Err(Refusal::DidNotConverge));
-        descent.passes += 1;
-        let Some(cost) = self.assemble() else {
-            return failed;
-        };
         let slack = |cost: T| cost * lit(ROUNDING) + lit(ROUNDING);
-        let downhill = match descent.best {
-            Some(best) => cost <= best + slack(best),
-            None => cost.is_finite(),
-        };
-        if downhill {
-            let fell = descent.best.map(|best| best - cost);
-            descent.best = Some(cost);
-            descent.halvings = 0;
-            let Some(worth) = self.find_step() else {
+        // An answer that was asked for meanwhile has used the workspace.
+        if let Some((cost, fell)) = descent.begun.filter(|_| self.is_factoring()) {
+            let Poll::Ready(worth) = self.find_step() else {
+                return None;
+            };
+            descent.begun = None;
+            let Some(worth) = worth else {
                 return failed;
             };
             let within = |sigmas: f64| worth <= lit::<T>(sigmas) * lit(sigmas);
@@ -273,15 +281,37 @@ impl<T: Real> Problem<'_, T> {
             if done {
                 return Some(Ok(cost - worth));
             }
-        } else if descent.best.is_none() {
-            return failed;
         } else {
+            let Poll::Ready(cost) = self.assemble() else {
+                return None;
+            };
+            let Some(cost) = cost else {
+                return failed;
+            };
+            if descent.begun.is_some() {
+                return None;
+            }
+            descent.passes += 1;
+            let downhill = match descent.best {
+                Some(best) => cost <= best + slack(best),
+                None => cost.is_finite(),
+            };
+            if downhill {
+                descent.begun = Some((cost, descent.best.map(|best| best - cost)));
+                descent.best = Some(cost);
+                descent.halvings = 0;
+                return None;
+            }
+            if descent.best.is_none() {
+                return failed;
+            }
             descent.halvings += 1;
             if descent.halvings <= HALVINGS {
                 // Half of the way back; the step that is kept is the other half.
                 self.shorten();
                 self.go(-T::one());
             }
+            self.common.told = Told::Equations;
         }
         if descent.passes < PASS_LIMIT && descent.halvings <= HALVINGS {
             return None;

@@ -12,11 +12,13 @@
 //! information of a leg is then the identity, however much more it knows than the cameras do, and single
 //! precision loses nothing of what these add to it. Places come back by adding up.
 
+use core::task::Poll;
+
 use nalgebra::Vector2;
 
 use super::{
     Undetermined,
-    kept::{Kept, dot, packed},
+    kept::{Kept, SLICE, dot, packed},
     problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told, Unknown},
     triangle::{self, Triangle},
 };
@@ -30,6 +32,13 @@ const MOVES: f64 = 1e-3;
 const DOMINANT: f64 = 0.99;
 /// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
 const TAIL: usize = 32;
+
+/// Multiplications of a change of variables for each entry of a row.
+const OF_ENTRIES: usize = 24;
+/// Multiplications for each pair of a camera's sights.
+const OF_PAIR: usize = 16;
+/// Multiplications for each sight, and what takes as long.
+const OF_ROW: usize = 200;
 
 /// Returns the largest magnitude, zero of none.
 fn largest<T: Real>(numbers: impl Iterator<Item = T>) -> T {
@@ -246,45 +255,80 @@ impl<T: Real> Problem<'_, T> {
         done
     }
 
-    /// The equations around the present estimates: chi squared there.
+    /// A slice of the way to the equations around the present estimates, ready to be factored: chi squared there.
     #[inline(never)] // for less flash
-    pub(super) fn assemble(&mut self) -> Option<T> {
-        if self.common.is_whole() {
-            return self.assemble_whole();
-        }
+    pub(super) fn assemble(&mut self) -> Poll<Option<T>> {
+        let from = match self.common.told {
+            Told::Assembling(camera) => camera,
+            _ => 0,
+        };
         self.common.told = Told::Equations;
+        let next = if self.common.is_whole() {
+            self.assemble_whole().map(|cost| {
+                self.common.cost = cost;
+                Told::Factoring { row: 0, dropped: 0 }
+            })
+        } else {
+            self.assemble_from(from)
+        };
+        self.common.told = next.unwrap_or(Told::Equations);
+        match next {
+            Some(Told::Assembling(_)) => Poll::Pending,
+            found => Poll::Ready(found.map(|_| self.common.cost)),
+        }
+    }
+
+    /// The cameras from one on, and the rest in a slice of its own.
+    fn assemble_from(&mut self, from: usize) -> Option<Told> {
+        let cameras = self.cameras.len();
         self.with_parts(|problem, mut parts| {
-            let kept = problem.layout().kept;
-            parts.kept.clear();
-            parts.vectors.get_mut(..kept)?.fill(T::zero());
-            let mut cost = T::zero();
-            for camera in 0..problem.cameras.len() {
+            if from == 0 {
+                let kept = problem.layout().kept;
+                parts.kept.clear();
+                parts.vectors.get_mut(..kept)?.fill(T::zero());
+                problem.common.cost = T::zero();
+            }
+            if from >= cameras {
+                problem.common.cost += problem.add_visits(&mut parts)?;
+                problem.common.cost += problem.add_legs(&mut parts)?;
+                return Some(Told::Factoring { row: 0, dropped: 0 });
+            }
+            let mut work = 0;
+            for camera in from..cameras {
+                if work > SLICE {
+                    return Some(Told::Assembling(camera));
+                }
                 if problem.is_estimated(camera) {
-                    cost += problem.eliminate(camera, &mut parts)?;
+                    problem.common.cost += problem.eliminate(camera, &mut parts, &mut work)?;
                 }
             }
-            Some(cost + problem.add_visits(&mut parts)? + problem.add_legs(&mut parts)?)
+            Some(Told::Assembling(cameras))
         })
     }
 
-    /// Information of a camera about places when it is eliminated; returns chi squared of its sights.
-    fn eliminate(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<T> {
+    /// Information of a camera about places when it is eliminated; returns chi squared of its sights, and adds to the
+    /// multiplications that were done.
+    fn eliminate(&self, camera: usize, parts: &mut Parts<'_, T>, work: &mut usize) -> Option<T> {
         let unknowns = self.axes(camera).len();
         let mut triangle = parts.blocks.get(camera, unknowns)?;
         let cost = self.enter(camera, &mut triangle, &mut parts.lines)?;
         let mut right = [T::zero(); BLOCK];
         let right = right.get_mut(..unknowns)?;
         triangle.right_side(right);
-        let mut is_dominated = false;
+        let (mut is_dominated, mut sights) = (false, 0);
         for (n, _) in self.own(camera) {
+            sights += 1;
             let ([_, _, residual], q) = parts.lines.get_mut(n)?;
             triangle.reduce(q.get_mut(..unknowns)?);
             *residual += short_dot(q, right);
             is_dominated |= short_dot(q, q) > lit(DOMINANT);
         }
+        *work += OF_ROW * sights;
         if is_dominated {
+            *work += 4 * sights * unknowns * self.layout().kept;
             self.add_rows(camera, parts)?;
         } else {
+            *work += OF_PAIR * sights * sights;
             self.add_pairs(camera, parts)?;
         }
         Some(cost)
@@ -507,18 +551,27 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Finds the step to the minimum of the assembled equations; it is kept, not taken. Tells by how much it
-    /// lowers chi squared, as far as the model is linear.
+    /// A slice of the way to the step to the minimum of the assembled equations; it is kept, not taken. Tells by how
+    /// much it lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
-    pub(super) fn find_step(&mut self) -> Option<T> {
+    pub(super) fn find_step(&mut self) -> Poll<Option<T>> {
         if self.common.is_whole() {
-            return self.find_whole_step();
+            return Poll::Ready(self.find_whole_step());
         }
+        let (row, mut dropped) = match self.common.told {
+            Told::Factoring { row, dropped } => (row, dropped),
+            _ => (0, 0),
+        };
+        self.common.told = Told::Equations;
         let worth = self.with_parts(|problem, mut parts| {
             let kept = problem.layout().kept;
             let (g, rest) = parts.vectors.split_at_mut_checked(kept)?;
             let (diagonal, _) = rest.split_at_mut_checked(kept)?;
-            let dropped = parts.kept.factor(diagonal)?;
+            let row = parts.kept.factor(diagonal, row, &mut dropped)?;
+            if row < kept {
+                problem.common.told = Told::Factoring { row, dropped };
+                return None;
+            }
             parts.kept.forward(g);
             let mut worth = dot(g, g);
             parts.kept.backward(g);
@@ -538,10 +591,18 @@ impl<T: Real> Problem<'_, T> {
             }
             Some(worth)
         });
+        if self.is_factoring() {
+            return Poll::Pending;
+        }
         if worth.is_some() {
             self.common.told = Told::Factor;
         }
-        worth
+        Poll::Ready(worth)
+    }
+
+    /// Returns true while the [step](Self::find_step) is in the making.
+    pub(super) const fn is_factoring(&self) -> bool {
+        matches!(self.common.told, Told::Factoring { .. })
     }
 
     /// Steps of everything, kept with it, from those of the kept unknowns in vector `vector`, which get those of
@@ -680,40 +741,74 @@ impl<T: Real> Problem<'_, T> {
         self.common.undetermined = self.common.undetermined.or(name);
     }
 
-    /// Covariances of everything in place of the factor, and how much each measurement is checked.
+    /// A slice of the way to covariances of everything in place of the factor, and to how much each measurement is
+    /// checked.
     #[inline(never)] // for less flash
-    pub(super) fn find_covariances(&mut self) -> Option<()> {
-        if matches!(self.common.told, Told::Nothing | Told::Equations) {
-            self.assemble()?;
-            self.find_step()?;
+    pub(super) fn find_covariances(&mut self) -> Poll<Option<()>> {
+        let from = match self.common.told {
+            Told::Nothing | Told::Equations | Told::Assembling(_) => {
+                return match self.assemble() {
+                    Poll::Ready(None) => Poll::Ready(None),
+                    _ => Poll::Pending,
+                };
+            }
+            Told::Factoring { .. } => {
+                return match self.find_step() {
+                    Poll::Ready(None) => Poll::Ready(None),
+                    _ => Poll::Pending,
+                };
+            }
+            Told::Factor if self.common.is_whole() => {
+                return Poll::Ready(self.find_whole_covariances());
+            }
+            Told::Factor => 0,
+            Told::Inverting(from) => from,
+            Told::Covariances => return Poll::Ready(Some(())),
+        };
+        self.common.told = Told::Equations;
+        let Some(next) = self.invert(from) else {
+            return Poll::Ready(None);
+        };
+        self.common.told = next;
+        match next {
+            Told::Covariances => Poll::Ready(Some(())),
+            _ => Poll::Pending,
         }
-        if self.common.told == Told::Factor && self.common.is_whole() {
-            return self.find_whole_covariances();
-        }
-        if self.common.told == Told::Factor {
-            self.common.told = Told::Equations;
-            self.with_parts(|problem, mut parts| {
-                parts.kept.invert()?;
-                for stop in 1..problem.stops.len() {
-                    let of = with_before(stop);
+    }
+
+    /// Slices of [`find_covariances`](Self::find_covariances) that begin with the factor: the inverse by its rows, then
+    /// places instead of legs' errors stop after stop, then leverages camera after camera.
+    fn invert(&mut self, from: usize) -> Option<Told> {
+        self.with_parts(|problem, mut parts| {
+            let kept = problem.layout().kept;
+            let Some(first) = from.checked_sub(2 * kept) else {
+                return parts.kept.invert(from).map(Told::Inverting);
+            };
+            let (stops, mut work) = (problem.stops.len(), 0);
+            for step in first..stops + problem.cameras.len() {
+                if work > SLICE {
+                    return Some(Told::Inverting(2 * kept + step));
+                }
+                if let Some(camera) = step.checked_sub(stops) {
+                    if problem.is_estimated(camera) {
+                        let sights = problem.own(camera).count();
+                        work += OF_PAIR * sights * sights;
+                        problem.find_leverages(camera, &mut parts)?;
+                    }
+                } else if step > 0 {
+                    work += OF_ENTRIES * kept;
+                    let of = with_before(step);
                     let [.., first, second] = of;
                     let own = [(first, first), (first, second), (second, second)];
-                    problem.stops.get_mut(stop)?.leverage = own.map(|(i, j)| parts.kept.at(i, j));
-                    let way = problem.way(stop)?;
+                    problem.stops.get_mut(step)?.leverage = own.map(|(i, j)| parts.kept.at(i, j));
+                    let way = problem.way(step)?;
                     parts
                         .kept
                         .change(second, |entries| way.find_place(entries))?;
                 }
-                for camera in 0..problem.cameras.len() {
-                    if problem.is_estimated(camera) {
-                        problem.find_leverages(camera, &mut parts)?;
-                    }
-                }
-                Some(())
-            })?;
-            self.common.told = Told::Covariances;
-        }
-        Some(())
+            }
+            Some(Told::Covariances)
+        })
     }
 }
 

@@ -15,6 +15,8 @@
 //! of noise, bound the error that one undetected fault leaves. Measurements that nothing checks
 //! leave no bound worth the name.
 
+use core::task::Poll;
+
 use super::{
     Finding, ProtectionLevels,
     descent::ENOUGH,
@@ -101,6 +103,10 @@ pub(super) struct Survey<T> {
     loose: usize,
     /// The next step once all measurements were looked at: the last sights of this camera.
     tail: Option<usize>,
+    /// Of the solve that [`verify`](Problem::verify) is at: chi squared where it begins.
+    cost: Option<T>,
+    /// Least chi squared with all sightings.
+    all: Option<T>,
 }
 
 impl<T: Real> Survey<T> {
@@ -155,6 +161,8 @@ impl<T: Real> Problem<'_, T> {
             legs: 0,
             loose: 0,
             tail: None,
+            cost: None,
+            all: None,
         }
     }
 
@@ -167,6 +175,9 @@ impl<T: Real> Problem<'_, T> {
         looks: bool,
     ) -> Option<Result<(), Refusal>> {
         let Some(tail) = survey.tail else {
+            if !self.has_told() {
+                return None;
+            }
             if self.survey_camera(survey).is_none() {
                 return Some(Err(Refusal::Undetermined));
             }
@@ -179,8 +190,8 @@ impl<T: Real> Problem<'_, T> {
         };
         let is_suspect = |camera: &usize| self.cameras.get(*camera).is_some_and(|c| c.is_new);
         let Some(camera) = (tail..self.cameras.len()).find(is_suspect) else {
-            self.verify(survey);
-            return Some(Ok(()));
+            let is_verified = self.verify(survey).is_ready();
+            return is_verified.then_some(Ok(()));
         };
         survey.tail = Some(camera + 1);
         let surveyed = self.survey_tails(survey, camera);
@@ -348,12 +359,12 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Solves without the sightings that a camera is blamed for: where nothing fits, and estimates came to no
-    /// end, closed forms in single precision say too much of a camera right before the target. A finding that
+    /// A slice of a solve without the sightings that a camera is blamed for: where nothing fits, and estimates came to
+    /// no end, closed forms in single precision say too much of a camera right before the target. A finding that
     /// does not stand this test is dropped.
-    fn verify(&mut self, survey: &mut Survey<T>) {
+    fn verify(&mut self, survey: &mut Survey<T>) -> Poll<()> {
         let Some((found, weighed)) = survey.strongest else {
-            return;
+            return Poll::Ready(());
         };
         let Finding::Camera {
             camera,
@@ -361,20 +372,23 @@ impl<T: Real> Problem<'_, T> {
             chi_squared,
         } = found
         else {
-            return;
+            return Poll::Ready(());
         };
-        let chi_squared_with = |problem: &mut Self| {
-            let cost = problem.assemble()?;
-            Some(cost - problem.find_step()?)
+        let Poll::Ready(least) = self.find_least(&mut survey.cost) else {
+            return Poll::Pending;
         };
-        let all = chi_squared_with(self);
-        self.common.left_out = Some((camera, from));
-        let rest = chi_squared_with(self);
+        let (Some(all), Some(rest)) = (survey.all, least) else {
+            survey.all = least;
+            survey.cost = None;
+            self.common.left_out = least.map(|_| (camera, from));
+            return if least.is_some() {
+                Poll::Pending
+            } else {
+                Poll::Ready(())
+            };
+        };
         self.common.left_out = None;
         self.common.told = Told::Equations;
-        let (Some(all), Some(rest)) = (all, rest) else {
-            return;
-        };
         let bearings = self.tail(camera, from).count();
         let odds = weighed / strength(chi_squared, bearings);
         let fallen = all - rest;
@@ -388,6 +402,26 @@ impl<T: Real> Problem<'_, T> {
         if strength > lit(LIMIT) && { survey.single }.is_none_or(|(_, most)| strength * odds > most)
         {
             survey.strongest = Some((found, strength * odds));
+        }
+        Poll::Ready(())
+    }
+
+    /// A slice of the way to the least chi squared, as far as the model is linear. `cost` is that of the present
+    /// estimates once it is known.
+    fn find_least(&mut self, cost: &mut Option<T>) -> Poll<Option<T>> {
+        match cost.filter(|_| self.is_factoring()) {
+            Some(cost) => self.find_step().map(|worth| Some(cost - worth?)),
+            None => match self.assemble() {
+                Poll::Ready(None) => Poll::Ready(None),
+                found => {
+                    *cost = if let Poll::Ready(found) = found {
+                        found
+                    } else {
+                        None
+                    };
+                    Poll::Pending
+                }
+            },
         }
     }
 

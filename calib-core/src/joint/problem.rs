@@ -234,6 +234,8 @@ pub(super) struct Common<T: Real> {
     pub leg_factor: T,
     /// Stage that the last pass has reached.
     pub told: Told,
+    /// Chi squared of the equations, as far as they are there.
+    pub cost: T,
     /// The first unknown that it did not determine.
     pub undetermined: Option<Undetermined>,
     pub is_carrier_undetermined: bool,
@@ -298,10 +300,31 @@ pub(super) enum Told {
     Nothing,
     /// The equations, or less.
     Equations,
+    /// The equations in the making: those of the cameras before this one.
+    Assembling(usize),
+    /// The equations, of which the kept part is factored up to a row.
+    Factoring {
+        /// The next row.
+        row: usize,
+        /// Unknowns that were dropped.
+        dropped: usize,
+    },
     /// The factor of the kept part.
     Factor,
+    /// Covariances in the making, and how far they are.
+    Inverting(usize),
     /// Covariances.
     Covariances,
+}
+
+impl Told {
+    /// Returns false in the middle of a pass, which cannot go on once anything has changed.
+    pub(super) const fn is_complete(self) -> bool {
+        !matches!(
+            self,
+            Self::Assembling(_) | Self::Factoring { .. } | Self::Inverting(_)
+        )
+    }
 }
 
 /// A camera of which the last bearings are off: it was moved, or the way there was not as measured. Both are

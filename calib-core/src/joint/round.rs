@@ -3,8 +3,13 @@
 //! One slice is at most one pass over the measurements, so that a slow processor can do something else in
 //! between.
 
+use core::task::Poll;
+
 use super::{
-    Finding, JointError, JointSolution, descent::Settling, integrity::Survey, problem::Problem,
+    Finding, JointError, JointSolution,
+    descent::Settling,
+    integrity::Survey,
+    problem::{Problem, Told},
     start::Starting,
 };
 use crate::{
@@ -67,6 +72,8 @@ enum Stage<T: Real> {
     Settling(Settling<T>),
     Settled,
     Surveying(Survey<T>),
+    /// Covariances are found, to be told with this.
+    Telling(JointSolution<T>),
 }
 
 impl<T: Real> Work<T> {
@@ -88,7 +95,7 @@ impl<T: Real> Work<T> {
 
     /// Begins a round with a solve, and with a start if there has been none.
     pub(super) fn begin(&mut self, problem: &mut Problem<'_, T>, round: Round) {
-        self.ask(round);
+        self.ask(problem, round);
         problem.common.suspect = None;
         self.stage = if problem.common.is_started {
             Stage::Settling(problem.begin_settling())
@@ -100,11 +107,15 @@ impl<T: Real> Work<T> {
 
     /// The same without solving first.
     pub(super) fn begin_solved(&mut self, problem: &mut Problem<'_, T>, round: Round) {
-        self.ask(round);
+        self.ask(problem, round);
         self.stage = Stage::Surveying(problem.begin_survey(round.protection));
     }
 
-    fn ask(&mut self, round: Round) {
+    fn ask(&mut self, problem: &mut Problem<'_, T>, round: Round) {
+        problem.common.left_out = None;
+        if !problem.common.told.is_complete() {
+            problem.common.told = Told::Equations;
+        }
         self.round = round;
         self.found = None;
         self.leg_noise_rounds = if round.leg_noise { LEG_NOISE_ROUNDS } else { 0 };
@@ -189,6 +200,10 @@ impl<T: Real> Work<T> {
                     Some(Ok(())) => self.after_survey(problem, &survey),
                     Some(Err(why)) => Err(JointError::Solve(why)),
                 }
+            }
+            Stage::Telling(solution) => {
+                let solution = *solution;
+                self.over(problem, solution)
             }
         };
         if matches!(stepped, Err(_) | Ok(Progress::Over(_))) {
@@ -275,7 +290,10 @@ impl<T: Real> Work<T> {
         problem: &mut Problem<'_, T>,
         solution: JointSolution<T>,
     ) -> Result<Progress<T>, JointError> {
-        let told = problem.find_covariances();
+        let Poll::Ready(told) = problem.find_covariances() else {
+            self.stage = Stage::Telling(solution);
+            return Ok(Progress::Working);
+        };
         told.ok_or(JointError::Solve(Refusal::Undetermined))?;
         if problem.is_frame_refused(solution.fit.inflation()) && self.begin_steeper(problem) {
             return Ok(Progress::Working);

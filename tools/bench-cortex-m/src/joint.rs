@@ -22,7 +22,7 @@ const BASELINE: f32 = 10.0;
 const BEARING_SIGMA: f32 = 0.0024;
 const LEG_SIGMA: f32 = 0.02;
 
-/// Counts the steps of a round of 13 cameras and of 24.
+/// Counts the steps of rounds of 13, 24 and 98 cameras; of the last ones the lenses are estimated, too.
 ///
 /// # Errors
 /// As [`Bench::measure`].
@@ -36,7 +36,20 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
     let mut many = walked(arrays.memory(), 10);
     bench.measure_steps("joint_24_cameras_64_stops_240_bearings", || {
         goes_on(many.step())
+    })?;
+    let mut arrays = Most::new();
+    let mut most = walked_with(arrays.memory(), 4, lenses());
+    bench.measure_steps("joint_98_cameras_100_stops_392_bearings", || {
+        goes_on(most.step())
     })
+}
+
+/// Settings of a node: lenses as the data sheet of a camera tells them.
+fn lenses() -> JointSettings<f32> {
+    let mut settings = JointSettings::default();
+    settings.lens = Some(0.05);
+    settings.principal = Some(0.01);
+    settings
 }
 
 /// Solves the round of 13 cameras in one stretch, and hands the estimator to `look`.
@@ -65,6 +78,9 @@ type Thirteen<T> = Arrays<T, 13, 32, 52, { room(13, 32, 52) }>;
 /// For 24 cameras.
 type Many = Arrays<f32, 24, 64, 240, { room(24, 64, 240) }>;
 
+/// For 98 cameras.
+type Most = Arrays<f32, 98, 100, 392, { room(98, 100, 392) }>;
+
 const fn room(cameras: usize, stops: usize, bearings: usize) -> usize {
     Capacity {
         cameras,
@@ -72,7 +88,7 @@ const fn room(cameras: usize, stops: usize, bearings: usize) -> usize {
         bearings,
         marks: 0,
     }
-    .workspace()
+    .workspace_with_lenses()
 }
 
 impl<T: Real, const C: usize, const S: usize, const B: usize, const W: usize>
@@ -102,10 +118,17 @@ impl<T: Real, const C: usize, const S: usize, const B: usize, const W: usize>
 /// Cameras around an area, `each` bearings of every one of them, and a round that has begun: solve, check, legs'
 /// noise and protection levels. The measurements are the same in any precision.
 fn walked<T: Real>(memory: JointMemory<'_, T>, each: usize) -> JointEstimator<'_, T> {
+    walked_with(memory, each, JointSettings::default())
+}
+
+fn walked_with<T: Real>(
+    memory: JointMemory<'_, T>,
+    each: usize,
+    settings: JointSettings<T>,
+) -> JointEstimator<'_, T> {
     let real = |number: f32| lit::<T>(number.into());
     let (cameras, stops) = (memory.cameras.len(), memory.stops.len());
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
-    let settings = JointSettings::default();
     let mut joint = JointEstimator::new(memory, real(BASELINE), settings).expect("usable settings");
     let mut before: Option<Point2<f32>> = None;
     for stop in 0..stops {
@@ -181,5 +204,11 @@ mod tests {
         let mut arrays = Many::new();
         let many = walked(arrays.memory(), 10);
         assert_eq!(many.bearings(), 240);
+        let mut arrays = Most::new();
+        let mut most = walked_with(arrays.memory(), 4, lenses());
+        assert_eq!(most.bearings(), 392);
+        while goes_on(most.step()) {}
+        let told = (2..98).filter(|camera| most.pose(*camera).is_ok()).count();
+        assert!(told > 90, "{told}");
     }
 }

@@ -13,7 +13,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 const PROGRAM: &str = "qemu-system-arm";
 
 /// A run takes seconds; one that takes this long hangs.
-const TIMEOUT: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(600);
 /// Interval at which it is looked at.
 const PERIOD: Duration = Duration::from_millis(5);
 
