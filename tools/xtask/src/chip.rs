@@ -27,7 +27,7 @@ pub(crate) const SUITES: [Suite; 3] = [
     },
 ];
 
-/// A coordinator's USB plug, on the image of a dongle, which is built at night.
+/// A coordinator's USB plug, on the images of a dongle and of a kit, which are built at night.
 pub(crate) const PLUG: Suite = Suite {
     package: "nrf52840-emulator",
     module: "plug",
@@ -64,13 +64,15 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     stack(sh, bound, &said)
 }
 
-/// Runs the image of a dongle as a coordinator with a PC at its USB plug.
+/// Runs the images of a dongle and of a kit as a coordinator with a PC at the USB plug of its chip.
 ///
 /// # Errors
 /// One of that fails.
 pub(crate) fn plug(sh: &Shell) -> Result<()> {
     let image = firmware::build(sh, &board_facts::PCA10059, &[])?;
     let _image = sh.push_env("NODE_PLUG", sh.current_dir().join(image));
+    let kit = firmware::build_plugged(sh, &BOARD, &[])?;
+    let _kit = sh.push_env("NODE_PLUG_KIT", sh.current_dir().join(kit));
     harness::ignored(sh, &[PLUG], Pace::InTurn)?;
     Ok(())
 }

@@ -150,6 +150,38 @@ pub(crate) fn run(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()>
     Ok(())
 }
 
+/// Kits that have a USB plug of their chip beside that of their debug probe, which is a coordinator's line by default.
+const KITS: [&Board; 2] = [&board_facts::NRF52840_DK, &board_facts::NRF52833_DK];
+
+/// Builds images for kits whose coordinator has its PC at the plug of the chip: `cargo xtask firmware --usb`.
+///
+/// # Errors
+/// A board is no such kit, or a check fails.
+pub(crate) fn plugged(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()> {
+    for name in chosen {
+        let names = KITS.map(|board| board.name);
+        ensure!(
+            names.contains(&name.as_str()),
+            "`{name}` is no kit with a plug of its chip and one of its probe: there are {}; an image of a board without \
+             a probe speaks over its plug anyway",
+            names.join(", ")
+        );
+    }
+    let roles: Vec<_> = roles.iter().map(String::as_str).collect();
+    let is_chosen =
+        |board: &&Board| chosen.is_empty() || chosen.iter().any(|name| name == board.name);
+    for board in KITS.into_iter().filter(is_chosen) {
+        let image = pack(board, &build_plugged(sh, board, &roles)?)?;
+        Count::new(&panics::find(&image)?).none_of_ours(board.name)?;
+    }
+    Ok(())
+}
+
+/// Builds an image whose coordinator has its PC at the plug of the chip, and returns its path.
+pub(crate) fn build_plugged(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
+    finish(sh, board, &Name::of(board, roles, Some("usb")))
+}
+
 /// Builds images of a version for updates by radio, and the boot loader: `cargo xtask firmware --update`.
 ///
 /// # Errors
@@ -194,7 +226,7 @@ pub(crate) fn build_updated(
     roles: &[&str],
     version: u32,
 ) -> Result<PathBuf> {
-    let name = Name::of(board, roles, true);
+    let name = Name::of(board, roles, Some("update"));
     let (path, mut elf) = compile(sh, board.name, &name.file, &name.features)?;
     let length = flash_file::updated(board, &elf)
         .with_context(|| self::name(&path))?
@@ -405,7 +437,10 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
 
 /// Builds an image with these roles, or with all, and returns its path.
 pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
-    let name = Name::of(board, roles, false);
+    finish(sh, board, &Name::of(board, roles, None))
+}
+
+fn finish(sh: &Shell, board: &Board, name: &Name) -> Result<PathBuf> {
     let (path, elf) = compile(sh, board.name, &name.file, &name.features)?;
     replace(&path, &elf)?;
     Ok(path)
@@ -418,7 +453,8 @@ struct Name {
 }
 
 impl Name {
-    fn of(board: &Board, roles: &[&str], is_updated: bool) -> Self {
+    /// With a feature of the board's package, if any.
+    fn of(board: &Board, roles: &[&str], feature: Option<&str>) -> Self {
         let mut file = board.name.to_owned();
         let mut features = Vec::new();
         if !roles.is_empty() {
@@ -431,9 +467,9 @@ impl Name {
                 Family::Stm32l4 => format!("--features={role}"),
             });
         }
-        if is_updated {
-            file = format!("{file}-update");
-            features.push("--features=update".to_owned());
+        if let Some(feature) = feature {
+            file = format!("{file}-{feature}");
+            features.push(format!("--features={feature}"));
         }
         Self {
             file: format!("{file}-node"),
