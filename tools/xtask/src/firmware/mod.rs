@@ -37,8 +37,14 @@ const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
 /// Functions of the same instructions are linked once: no code compares addresses of functions.
 const FOLDING: &str = "-Clink-arg=--icf=all";
 
-/// Level of logs in images, for `defmt`: errors, unless this says something else.
-const LOG: &str = "DEFMT_LOG";
+/// Variables that make other images: the level of logs, for `defmt`, which is errors without it; and sizes of tables
+/// (`node_firmware::limits`).
+const VARIABLES: [&str; 4] = [SIZES[0], SIZES[1], SIZES[2], "DEFMT_LOG"];
+const SIZES: [&str; 3] = ["NODE_MEMBERS", "NODE_CAMERAS", "NODE_STOPS"];
+
+/// Sizes for a room, and the RAM that an image for all roles takes then at most.
+const ROOM: [&str; 3] = ["10", "8", "24"];
+const ROOM_RAM: u64 = 52 << 10;
 
 /// Number of the largest symbols that are listed.
 const LARGEST: usize = 12;
@@ -264,7 +270,25 @@ pub(crate) fn others(sh: &Shell) -> Result<()> {
     let is_audited = |board: &Board| AUDITED.iter().any(|known| known.board.name == board.name);
     let others = BOARDS.into_iter().filter(|board| !is_audited(board));
     check(sh, &others.collect::<Vec<_>>())?;
+    check_sizes(sh)?;
     check_roles(sh, &ROLES)
+}
+
+/// Builds an image with the tables of a room, which must take less RAM.
+fn check_sizes(sh: &Shell) -> Result<()> {
+    let image = {
+        let _sizes: Vec<_> = (SIZES.iter().zip(ROOM))
+            .map(|(name, size)| sh.push_env(name, size))
+            .collect();
+        Image::read(&build(sh, &board_facts::NRF52840_DK, &[])?)?
+    };
+    let ram = image.size.ram;
+    println!("all roles, with the tables of a room: {ram} bytes of RAM");
+    ensure!(
+        ram <= ROOM_RAM,
+        "an image with the tables of a room may take {ROOM_RAM} bytes of RAM"
+    );
+    Ok(())
 }
 
 /// Builds an image for each of these roles alone, and fails over its limits or, where these are all roles, a figure in
@@ -297,17 +321,18 @@ fn check_roles(sh: &Shell, roles: &[Role]) -> Result<()> {
 
 /// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
 /// a budget, a panic, a byte outside of the board's region or, where all audited ones are among them, a figure in the
-/// documentation that is another one. Of other boards only panics of this project are looked for. Images that are to log
-/// more than errors are only built: logging takes room and stack, and formats text.
+/// documentation that is another one. Of other boards only panics of this project are looked for. Images for which one of
+/// [`VARIABLES`] is set are only built: logging takes room and stack, and formats text.
 fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
-    let log = env::var_os(LOG).filter(|level| !level.is_empty());
+    let is_set = |name: &&str| env::var_os(name).is_some_and(|value| !value.is_empty());
+    let variable = VARIABLES.into_iter().find(is_set);
     let mut measured = Vec::new();
     for board in boards {
         let image = pack(board, &build(sh, board, &[])?)?;
         let audited = AUDITED
             .iter()
             .position(|audited| audited.board.name == board.name);
-        match (audited, &log) {
+        match (audited, variable) {
             (_, Some(_)) => {}
             (None, None) => Count::new(&panics::find(&image)?).none_of_ours(board.name)?,
             (Some(number), None) => {
@@ -316,10 +341,9 @@ fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
             }
         }
     }
-    if let Some(level) = log {
+    if let Some(name) = variable {
         println!(
-            "These images log {}: what they take, and whether they can panic, is not checked.",
-            level.display()
+            "{name} is set: what these images take, and whether they can panic, is not checked."
         );
     }
     if measured.is_empty() {
@@ -377,8 +401,8 @@ fn pack(board: &'static Board, path: &Path) -> Result<Image> {
     }
     let image = Image::read(path)?;
     println!(
-        "{}: {files}: {} bytes of flash",
-        board.title, image.size.flash
+        "{}: {files}: {} bytes of flash, {} of static RAM",
+        board.title, image.size.flash, image.size.ram
     );
     Ok(image)
 }
