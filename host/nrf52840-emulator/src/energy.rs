@@ -35,8 +35,8 @@ pub struct Current {
     /// The UART is not stopped, or bytes are on the line.
     pub line: f64,
     /// The high-frequency clock runs for a counter, or for a program that asked for its crystal, and neither UART nor
-    /// radio need it. Of two such times one is taken to lie within the other: more is needed of the clock than
-    /// this only where they do not.
+    /// radio need it. Of two such times one is taken to lie within the other; where it does not, the clock takes more
+    /// than this.
     pub clock: f64,
     /// Always.
     pub asleep: f64,
