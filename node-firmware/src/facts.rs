@@ -136,7 +136,7 @@ pub enum FactKey {
 const SIGHTINGS_FROM: u8 = 8;
 const REFERENCE_STOPS_FROM: u8 = SIGHTINGS_FROM + limits::SIGHTINGS as u8;
 const CAMERAS_FROM: u8 = REFERENCE_STOPS_FROM + limits::REFERENCE_STOPS as u8;
-const WALK_STOPS_FROM: u8 = CAMERAS_FROM + limits::MEMBERS as u8;
+const WALK_STOPS_FROM: u8 = CAMERAS_FROM + limits::MEMBERS_MOST as u8;
 const WALK_BEARINGS_FROM: u8 = WALK_STOPS_FROM + STOP_RECORDS;
 
 const _: () = assert!(KEYS < OWNER);

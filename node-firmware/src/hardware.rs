@@ -56,8 +56,8 @@ impl<T> Future for Done<T> {
 /// The types of the drivers that a node runs on, as one name. [`Parts`] is it for any drivers; a board whose tasks have
 /// to name the type of their [`Peripherals`] implements it for a type that stands for the board and needs no value.
 pub trait Hardware {
-    /// The line to a camera, or to a coordinator's PC; [`NoUart`] for none, as of a target. Reads must be cancel-safe.
-    type Uart: Read + Write;
+    /// The line to a camera, or to a coordinator's PC; [`NoUart`] for none, as of a target.
+    type Uart: Line;
     /// The radio for frames of IEEE 802.15.4, on the chip or on a co-processor.
     type Radio: Radio;
     /// Time since any one moment, and waiting for a time.
@@ -152,7 +152,7 @@ where
     R: Radio,
     C: Clock,
     F: NorFlash,
-    U: Read + Write,
+    U: Line,
     S: StepSensor,
     I: Indicator,
     B: Buttons,
@@ -203,7 +203,7 @@ where
     R: Radio,
     C: Clock,
     F: NorFlash,
-    U: Read + Write,
+    U: Line,
     S: StepSensor,
     I: Indicator,
     B: Buttons,
@@ -211,7 +211,7 @@ where
 {
     replace! {
         /// The same with a line to a camera or a PC, see [`Hardware::Uart`].
-        with_uart(uart: Read Write) -> Parts<R, C, F, New, S, I, B, O>, keeps steps indicator buttons observer
+        with_uart(uart: Line) -> Parts<R, C, F, New, S, I, B, O>, keeps steps indicator buttons observer
     }
     replace! {
         /// The same with a target's step sensor.
@@ -240,10 +240,19 @@ impl<H: Hardware> Peripherals<H> {
     }
 }
 
+/// A line to a camera or a PC. Reads must be cancel-safe.
+pub trait Line: Read + Write {
+    /// Switches off what waits for bytes, until the next read or write: the node sleeps, and what is at the other end
+    /// sleeps as well, or is silent unless it is asked. Bytes that come until then may be lost. By default all stays on.
+    fn rest(&mut self) {}
+}
+
 /// No line: a target has none, nor needs a coordinator one that no PC is ever connected to. Nothing is heard on it, and
 /// what is written is lost.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoUart;
+
+impl Line for NoUart {}
 
 impl ErrorType for NoUart {
     type Error = Infallible;

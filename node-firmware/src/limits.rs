@@ -2,12 +2,36 @@
 //!
 //! A number of only one format stands with it: bytes of a configuration page, of a fact, of a frame of the
 //! console.
+//!
+//! Tables of members, cameras and stops are as long as the largest network needs. For a smaller one the environment
+//! variables `NODE_MEMBERS`, `NODE_CAMERAS` and `NODE_STOPS` make them shorter when the firmware is built. Pages,
+//! messages and memory have the same format at all sizes.
 
 use core::ops::RangeInclusive;
 
+/// A number that an environment variable set when this was compiled, or the usual one.
+const fn set(text: Option<&str>, allowed: RangeInclusive<usize>, usual: usize) -> usize {
+    let Some(text) = text else { return usual };
+    let (number, is_number) = match usize::from_str_radix(text, 10) {
+        Ok(number) => (number, true),
+        Err(_) => (0, false),
+    };
+    assert!(is_number, "a size of a table is no number");
+    let is_allowed = *allowed.start() <= number && number <= *allowed.end();
+    assert!(is_allowed, "a size of a table is out of its range");
+    number
+}
+
+/// Most members that any network may have: so many places has the memory of a node.
+pub const MEMBERS_MOST: usize = 100;
+
 /// Most members of a network, coordinator not counted. So long are its allow-list, and every table
-/// of members.
-pub const MEMBERS: usize = 100;
+/// of members. `NODE_MEMBERS` makes them fewer.
+pub const MEMBERS: usize = set(option_env!("NODE_MEMBERS"), 2..=MEMBERS_MOST, MEMBERS_MOST);
+
+/// Most cameras of a network that take part in the estimate of its target; further ones find their poses from their own
+/// sightings. `NODE_CAMERAS` makes them fewer.
+pub const ESTIMATED_CAMERAS: usize = set(option_env!("NODE_CAMERAS"), 3..=24, 24);
 
 /// Most cameras that one message lists: more would not fit a frame.
 pub const ROSTER: usize = 32;
@@ -28,14 +52,16 @@ pub const REFERENCE_STOPS: usize = 12;
 pub const WALK_STOPS: usize = 100;
 
 /// Most stops that a target estimates together. The kept part of their equations grows with the square: 82 KB
-/// for 100 stops, 25 KB for 52.
-pub const ESTIMATED_STOPS: usize = if cfg!(feature = "long-walks") {
-    100
-} else {
-    52
+/// for 100 stops, 25 KB for 52. `NODE_STOPS` makes them fewer, or more where the RAM allows.
+pub const ESTIMATED_STOPS: usize = {
+    let usual = if cfg!(feature = "long-walks") {
+        100
+    } else {
+        52
+    };
+    // Each is written down.
+    set(option_env!("NODE_STOPS"), 12..=WALK_STOPS, usual)
 };
-
-const _: () = assert!(ESTIMATED_STOPS <= WALK_STOPS, "each is written down");
 
 /// Most bearings that a target keeps of its walk.
 pub const WALK_BEARINGS: usize = 384;
@@ -45,3 +71,28 @@ pub const STOPS_WANTED: RangeInclusive<u8> = 3..=SIGHTINGS as u8;
 
 /// Bits per second of the line between a coordinator and its PC.
 pub const CONSOLE_BAUD: u32 = 115_200;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_size_is_the_usual_one_unless_it_is_set() {
+        assert_eq!(set(None, 2..=100, 100), 100);
+        for number in [2, 8, 100] {
+            assert_eq!(set(Some(&std::format!("{number}")), 2..=100, 100), number);
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "out of its range")]
+    fn a_size_that_is_too_large_does_not_compile() {
+        set(Some("101"), 2..=100, 100);
+    }
+
+    #[test]
+    #[should_panic(expected = "no number")]
+    fn a_size_that_is_no_number_does_not_compile() {
+        set(Some("many"), 2..=100, 100);
+    }
+}

@@ -51,7 +51,8 @@ pub trait Network {
     /// by events where it is attached. Nothing happens where there is only one network.
     fn roam(&self) {}
 
-    /// Returns true while the node sleeps: nothing is to be done before it hears of it.
+    /// Returns true while the node sleeps: nothing is to be done before it is woken. That it asks in between whether its
+    /// coordinator is there changes nothing.
     fn is_asleep(&self) -> bool {
         false
     }

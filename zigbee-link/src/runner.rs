@@ -179,9 +179,9 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         }
     }
 
-    /// Returns true while the node sleeps, because its network is quiet.
-    pub fn is_asleep(&self) -> bool {
-        self.node.with(|node| node.is_asleep()) == Some(true)
+    /// Returns true while the node has nothing to do before it is woken: [`Node::is_quiet`].
+    pub fn is_quiet(&self) -> bool {
+        self.node.with(|node| node.is_quiet()) == Some(true)
     }
 
     /// Sends a message, whose result comes by [`happened`](Self::happened) or

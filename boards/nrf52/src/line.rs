@@ -6,12 +6,19 @@ use board_support::lost::Lost;
 use embassy_nrf::{
     Peri, bind_interrupts,
     buffered_uarte::{self, Baudrate, BufferedUarte},
-    gpio::{Pin, Port},
-    pac::{self, gpio::vals},
+    gpio::{AnyPin, Pin, Port},
+    pac::{
+        self,
+        common::{RW, Reg},
+        gpio::{regs::PinCnf, vals},
+    },
     peripherals, uarte,
 };
 use embedded_io_async::{ErrorType, Read, Write};
-use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
+use node_firmware::{
+    config::{BaudRate, CheckedConfig, RoleConfig},
+    hardware,
+};
 use static_cell::ConstStaticCell;
 
 use crate::board::Wires;
@@ -79,7 +86,7 @@ pub struct Uart {
     line: Line,
     baudrate: Baudrate,
     buffers: *mut Buffers,
-    /// From the first transfer on, or the first after an overrun. It is dropped there alone: a node that ends
+    /// From the first transfer on, or the first after an overrun or a rest. It is dropped there alone: a node that ends
     /// restarts its chip.
     driver: Option<ManuallyDrop<BufferedUarte<'static>>>,
 }
@@ -107,12 +114,7 @@ impl Uart {
                     line.camera.send.clone_unchecked(),
                 )
             };
-            let port = match from.port() {
-                Port::Port0 => pac::P0,
-                Port::Port1 => pac::P1,
-            };
-            // The compiler sees that there are no more.
-            let configuration = port.pin_cnf(usize::from(from.pin() % 32));
+            let configuration = configuration(&from);
             let (count, restart) = channels;
             let driver = BufferedUarte::new(
                 uart, timer, count, restart, group, from, to, Irqs, config, receive, send,
@@ -121,6 +123,38 @@ impl Uart {
             configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
             ManuallyDrop::new(driver)
         })
+    }
+
+    /// Switches the UART off, and what counts its bytes, so that nothing needs the high-frequency clock.
+    fn close(&mut self) {
+        let Some(driver) = self.driver.take() else {
+            return;
+        };
+        drop(ManuallyDrop::into_inner(driver));
+        // A counter that was stopped alone goes on to draw current (Errata, 78: "High current consumption when using
+        // timer STOP task only").
+        pac::TIMER1.tasks_shutdown().write_value(1);
+        // The other end must not take a line that floats for bytes. The driver left the level high.
+        configuration(&self.line.camera.send).write(|w| {
+            w.set_dir(vals::Dir::Output);
+            w.set_input(vals::Input::Disconnect);
+        });
+    }
+}
+
+/// Settings of a pin.
+fn configuration(pin: &Peri<'_, AnyPin>) -> Reg<PinCnf, RW> {
+    let port = match pin.port() {
+        Port::Port0 => pac::P0,
+        Port::Port1 => pac::P1,
+    };
+    // The compiler sees that there are no more.
+    port.pin_cnf(usize::from(pin.pin() % 32))
+}
+
+impl hardware::Line for Uart {
+    fn rest(&mut self) {
+        self.close();
     }
 }
 
@@ -131,10 +165,8 @@ impl ErrorType for Uart {
 impl Read for Uart {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
         let read = self.driver().read(buffer).await;
-        if read.is_err()
-            && let Some(driver) = self.driver.take()
-        {
-            drop(ManuallyDrop::into_inner(driver));
+        if read.is_err() {
+            self.close();
         }
         read.map_err(|_| Lost)
     }

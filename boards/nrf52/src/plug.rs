@@ -18,7 +18,10 @@ use embassy_usb::{
     class::cdc_acm::{BufferedReceiver, CdcAcmClass, Sender, State},
 };
 use embedded_io_async::{ErrorType, Read, Write};
-use node_firmware::config::{CheckedConfig, RoleConfig};
+use node_firmware::{
+    config::{CheckedConfig, RoleConfig},
+    hardware,
+};
 use static_cell::StaticCell;
 
 use crate::{
@@ -115,6 +118,14 @@ pub enum Port {
     Wires(Uart),
     /// The USB plug of the chip.
     Plug(Plug),
+}
+
+impl hardware::Line for Port {
+    fn rest(&mut self) {
+        if let Self::Wires(wires) = self {
+            wires.rest();
+        }
+    }
 }
 
 impl ErrorType for Port {

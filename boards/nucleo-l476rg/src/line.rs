@@ -223,6 +223,8 @@ impl Write for Uart {
 /// have holes.
 pub(crate) struct Lossless(pub(crate) Uart);
 
+impl node_firmware::hardware::Line for Lossless {}
+
 impl ErrorType for Lossless {
     type Error = Lost;
 }

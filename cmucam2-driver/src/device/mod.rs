@@ -164,6 +164,11 @@ impl<U, D, K> Cmucam2<U, D, K> {
         (self.uart, self.delay)
     }
 
+    /// The UART, which may be switched off between two calls while the camera sleeps.
+    pub fn uart(&mut self) -> &mut U {
+        &mut self.uart
+    }
+
     /// The dialogue: modes, dropped bytes, number of restarts of the camera.
     pub fn session(&self) -> &Session {
         &self.session

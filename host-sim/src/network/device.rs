@@ -25,6 +25,8 @@ impl Device {
     }
 }
 
+impl node_firmware::hardware::Line for Device {}
+
 impl ErrorType for Device {
     type Error = ErrorKind;
 }

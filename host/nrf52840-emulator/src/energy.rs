@@ -18,6 +18,9 @@ const ASLEEP: f64 = 0.003_16;
 /// nRF5340 Product Specification, "Current consumption", `I_UARTE,IDLE1`: the receiver waits; and the surplus of
 /// `I_UARTE1`, while bytes are on the line; mA.
 const LINE: [f64; 2] = [0.840, 0.890 - 0.840];
+/// "TIMER running", `I_TIMER0` and `I_TIMER2`: one at 1 MHz, with the clock that it needs, from the oscillator of the
+/// chip or from the crystal; mA.
+const CLOCK: [f64; 2] = [0.418, 0.646];
 const HZ: f64 = 64e6;
 
 /// Mean currents, mA, by their purpose.
@@ -29,8 +32,12 @@ pub struct Current {
     pub sending: f64,
     /// The processor runs, or waits for the flash.
     pub running: f64,
-    /// The receiver of the UART runs, or bytes are on the line.
+    /// The UART is not stopped, or bytes are on the line.
     pub line: f64,
+    /// The high-frequency clock runs for a counter, or for a program that asked for its crystal, and neither UART nor
+    /// radio need it. Of two such times one is taken to lie within the other; where it does not, the clock takes more
+    /// than this.
+    pub clock: f64,
     /// Always.
     pub asleep: f64,
 }
@@ -47,13 +54,16 @@ impl Current {
             sending: sending * at(power.into()),
             running: share(flash.sum::<u64>() + instructions as u64) * RUNNING,
             line: share(outcome.uart_on[0]) * LINE[0] + share(outcome.uart_on[1]) * LINE[1],
+            clock: share(outcome.clock_on[0].saturating_sub(outcome.uart_on[0])) * CLOCK[0]
+                + share(outcome.clock_on[1].saturating_sub(outcome.radio_on.iter().sum()))
+                    * CLOCK[1],
             asleep: ASLEEP,
         }
     }
 
     /// All of it, mA.
     pub fn total(&self) -> f64 {
-        self.receiving + self.sending + self.running + self.line + self.asleep
+        self.receiving + self.sending + self.running + self.line + self.clock + self.asleep
     }
 
     /// If it listened for this share of the time that it does.
@@ -98,6 +108,19 @@ fn at(power: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// A crystal that is left on while the radio is off.
+    #[test]
+    fn a_crystal_is_not_for_nothing() {
+        let outcome = Outcome {
+            powered: 1_000,
+            radio_on: [5, 0],
+            clock_on: [0, 105],
+            ..Outcome::default()
+        };
+        let current = Current::of(&outcome, 0);
+        assert!((current.clock - 0.1 * 0.646).abs() < 1e-9, "{current:?}");
+    }
+
     /// By hand: it receives all the time but 1 %, and runs for 1 % of it.
     #[test]
     fn currents_are_those_of_the_specification() {
@@ -106,12 +129,15 @@ mod tests {
             radio_on: [99_000_000_000, 1_000_000_000],
             instructions: 57_600_000,
             uart_on: [50_000_000_000, 1_000_000_000],
+            clock_on: [60_000_000_000, 100_000_000_000],
             operations: [5, 50_000_005].map(|at| at..at + 50_000_000).to_vec(),
             ..Outcome::default()
         };
         let current = Current::of(&outcome, 0);
         let line = 0.5 * 0.84 + 0.01 * 0.05;
-        let expected = 0.99 * 6.53 + 0.01 * 6.4 + 0.01 * 2.34 + line + 0.003_16;
+        // The counter runs for longer than the UART; the radio needs the crystal all the time.
+        let clock = 0.1 * 0.418;
+        let expected = 0.99 * 6.53 + 0.01 * 6.4 + 0.01 * 2.34 + line + clock + 0.003_16;
         assert!((current.total() - expected).abs() < 1e-9, "{current:?}");
         assert!((current.hours(expected * 3.0) - 3.0).abs() < 1e-9);
         let quiet = current.without_waiting_line(&outcome).total();

@@ -145,8 +145,13 @@ pub struct Outcome {
     pub powered: u64,
     /// Times for which the radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
-    /// Times for which the receiver of UARTE0 ran, and bytes were on its line, nanoseconds.
+    /// Times for which receiver or transmitter of UARTE0 were started and had not stopped, and bytes were on its line,
+    /// nanoseconds.
     pub uart_on: [u64; 2],
+    /// Times for which TIMER1 needed its clock, and the program asked for the high-frequency crystal, nanoseconds.
+    pub clock_on: [u64; 2],
+    /// The pin over which UARTE0 has sent is driven by nothing at the end: what listens there hears noise.
+    pub floats: bool,
     /// Number of times that the watchdog was fed.
     pub fed: u64,
     /// Bytes that found no room in UARTE0.
@@ -255,9 +260,14 @@ pub(crate) fn run(
         received: soc.radio.model.received,
         radio_on: soc.radio.model.on_until(end),
         uart_on: [
-            soc.uarte.model.listened_until(end),
+            soc.uarte.model.started_until(end),
             soc.uarte.model.transferred,
         ],
+        clock_on: [
+            soc.timer.model.clocked_until(end),
+            soc.clock.model.asked_until(end),
+        ],
+        floats: { soc.uarte.model.left() }.is_some_and(|pin| !soc.gpio.model.drives(pin)),
         powered: end,
         fed: soc.watchdog.model.fed,
         transfers: soc.twim.model.transfers,

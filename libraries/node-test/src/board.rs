@@ -14,7 +14,8 @@ use node_firmware::{
     config::Config,
     facts,
     hardware::{
-        FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor, Updates,
+        self, FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor,
+        Updates,
     },
     liveness::Liveness,
     message::{Message, Restart, Sight},
@@ -49,6 +50,22 @@ pub type FlashOfBoard = Flash<PAGE>;
 pub struct NodeUart {
     port: Port,
     is_stalled: Rc<Cell<bool>>,
+    rests: Rc<Cell<bool>>,
+}
+
+impl NodeUart {
+    /// Switches it on. Bytes that came while it was off were not heard.
+    fn wake(&mut self) {
+        if self.rests.replace(false) {
+            self.port.received();
+        }
+    }
+}
+
+impl hardware::Line for NodeUart {
+    fn rest(&mut self) {
+        self.rests.set(true);
+    }
 }
 
 impl ErrorType for NodeUart {
@@ -60,6 +77,7 @@ impl Write for NodeUart {
         if self.is_stalled.get() {
             pending::<()>().await;
         }
+        self.wake();
         self.port.write(bytes).await
     }
 
@@ -70,6 +88,7 @@ impl Write for NodeUart {
 
 impl Read for NodeUart {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, PortError> {
+        self.wake();
         self.port.read(buffer).await
     }
 }
@@ -116,6 +135,8 @@ pub struct Board {
     pub line: Line,
     /// The device on its line takes nothing.
     pub is_stalled: Rc<Cell<bool>>,
+    /// Its own end of the line is switched off.
+    pub rests: Rc<Cell<bool>>,
     /// Its flash: [`LINK`] bytes for the link, and the rest up to [`FACTS`] for the role.
     pub flash: FlashOfBoard,
     /// Wear of its flash.
@@ -150,6 +171,7 @@ impl Board {
             antenna,
             line,
             is_stalled: Rc::default(),
+            rests: Rc::default(),
             flash: Flash::without_time(FACTS as usize / PAGE, random),
             faults: Faults::default(),
             liveness: Rc::new(RefCell::new(Rc::new(Liveness::new(Restart::Ordinary)))),
@@ -166,9 +188,11 @@ impl Board {
     }
 
     fn uart(&self) -> NodeUart {
+        self.rests.set(false);
         NodeUart {
             port: self.line.open(Side::Node),
             is_stalled: self.is_stalled.clone(),
+            rests: self.rests.clone(),
         }
     }
 

@@ -101,6 +101,11 @@ impl<U, D> Pixy<U, D> {
         (self.uart, self.delay)
     }
 
+    /// The UART, which may be switched off between two calls, unless the model streams.
+    pub fn uart(&mut self) -> &mut U {
+        &mut self.uart
+    }
+
     /// The dialogue: the model, and the blobs of the last answer.
     pub fn session(&self) -> &Session {
         &self.session

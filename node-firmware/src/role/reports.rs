@@ -5,7 +5,7 @@ use calib_core::{Pose, angle};
 use super::Unsaved;
 use crate::{
     facts::{Fact, FactKey},
-    limits::MEMBERS,
+    limits::{MEMBERS, MEMBERS_MOST},
     message::{MemberAddress, PoseParts, ProtectionLevel, Report},
 };
 
@@ -92,7 +92,7 @@ impl<T: Default> Reports<T> {
         // Not its place in the table: a table that was restored has no gaps, and then one camera
         // would be written over another.
         let is_used = |slot: &u8| self.members.iter().any(|m| m.slot == Some(*slot));
-        let free = (0..MEMBERS as u8).find(|slot| !is_used(slot));
+        let free = (0..MEMBERS_MOST as u8).find(|slot| !is_used(slot));
         let member = self.of(address)?;
         member.slot = member.slot.or(free);
         debug_assert!(member.slot.is_some(), "there are as many slots as members");

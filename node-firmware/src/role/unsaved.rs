@@ -6,7 +6,7 @@ use flash_log::DirtySet;
 
 use crate::{
     facts::{BEARING_RECORDS, FactKey, STOP_RECORDS},
-    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
+    limits::{MEMBERS_MOST, REFERENCE_STOPS, SIGHTINGS},
 };
 
 /// Facts that changed since they were written down, by the keys of their records. None is ever lost, and none
@@ -32,7 +32,7 @@ const ORDER: [Range<usize>; 11] = [
     single(FactKey::Posed),
     single(FactKey::References),
     single(FactKey::Report),
-    records(FactKey::Camera(0), MEMBERS as u8),
+    records(FactKey::Camera(0), MEMBERS_MOST as u8),
     single(FactKey::Network),
 ];
 
@@ -88,7 +88,7 @@ mod tests {
             References,
             Report,
             Camera(0),
-            Camera(MEMBERS as u8 - 1),
+            Camera(MEMBERS_MOST as u8 - 1),
             Network,
         ];
         let mut unsaved = Unsaved::new();
@@ -107,6 +107,9 @@ mod tests {
             assert_eq!(key.record(), record);
             count += 1;
         }
-        assert_eq!(count, 6 + SIGHTINGS + REFERENCE_STOPS + MEMBERS + 34 + 77);
+        assert_eq!(
+            count,
+            6 + SIGHTINGS + REFERENCE_STOPS + MEMBERS_MOST + 34 + 77
+        );
     }
 }

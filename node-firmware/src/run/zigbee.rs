@@ -81,7 +81,7 @@ impl<C: Clock> Network for ZigbeeNetwork<C> {
     }
 
     fn is_asleep(&self) -> bool {
-        self.node.is_asleep()
+        self.node.is_quiet()
     }
 
     async fn happened(&self, known: Option<Attachment>) -> NetworkEvent<Ticket> {

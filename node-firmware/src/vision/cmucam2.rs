@@ -104,6 +104,11 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
         }
     }
 
+    /// The line to it.
+    pub fn line(&mut self) -> &mut U {
+        self.camera.uart()
+    }
+
     fn forget(&mut self) {
         self.ready = false;
         self.background = false;

@@ -4,13 +4,12 @@ use core::convert::Infallible;
 
 use cmucam2_driver::Cmucam2;
 use embedded_hal_async::delay::DelayNs;
-use embedded_io_async::{Read, Write};
 use pixy_driver::Pixy;
 
 use super::{
     Blob, BlobCamera, Cmucam2BlobCamera, LearntColour, PixyBlobCamera, Subject, VisionError,
 };
-use crate::config::CameraConfig;
+use crate::{config::CameraConfig, hardware::Line};
 
 /// A CMUcam2, or a camera of the Pixy family, on a UART.
 #[derive(Debug)]
@@ -37,7 +36,7 @@ impl<U, D> EitherCamera<U, D> {
     }
 }
 
-impl<U: Read + Write, D: DelayNs> BlobCamera for EitherCamera<U, D> {
+impl<U: Line, D: DelayNs> BlobCamera for EitherCamera<U, D> {
     async fn start_up(&mut self) -> Result<(), VisionError> {
         match self {
             Self::Cmucam2(camera) => camera.start_up().await,
@@ -81,9 +80,16 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for EitherCamera<U, D> {
     }
 
     async fn sleep(&mut self) {
-        // None of the others can.
-        if let Self::Cmucam2(camera) = self {
-            camera.sleep().await;
+        let line = match self {
+            Self::Cmucam2(camera) => {
+                camera.sleep().await;
+                Some(camera.line())
+            }
+            // It cannot sleep.
+            Self::Pixy(camera) => camera.quiet_line(),
+        };
+        if let Some(line) = line {
+            line.rest();
         }
     }
 

@@ -110,6 +110,12 @@ fn failed<E: embedded_io::Error>(error: Error<E>) -> VisionError {
 }
 
 impl<U, D> PixyBlobCamera<U, D> {
+    /// The line to it, if nothing comes that it was not asked for.
+    pub fn quiet_line(&mut self) -> Option<&mut U> {
+        let streams = self.camera.model().streams();
+        (!streams).then(|| self.camera.uart())
+    }
+
     fn look_for(&mut self, subject: Subject) -> Result<(), VisionError> {
         if !self.ready {
             return Err(VisionError::NotStarted);

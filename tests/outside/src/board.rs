@@ -6,7 +6,7 @@ use embedded_io_async::{ErrorKind, Read, Write};
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use node_firmware::{
     facts,
-    hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals},
+    hardware::{FlashLayout, Hardware, Indication, Indicator, Line, Peripherals},
 };
 use zigbee_link::{
     Instant,
@@ -29,6 +29,8 @@ impl NorFlashError for Failed {
 
 /// The line to the camera or the PC.
 pub struct Uart;
+
+impl Line for Uart {}
 
 impl embedded_io_async::ErrorType for Uart {
     type Error = ErrorKind;

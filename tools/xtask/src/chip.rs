@@ -27,7 +27,7 @@ pub(crate) const SUITES: [Suite; 3] = [
     },
 ];
 
-/// A coordinator's USB plug, on the image of a dongle, which is built at night.
+/// A coordinator's USB plug, on the images of a dongle and of a kit, which are built at night.
 pub(crate) const PLUG: Suite = Suite {
     package: "nrf52840-emulator",
     module: "plug",
@@ -42,6 +42,9 @@ pub(crate) const WALK: Suite = Suite {
 /// In the documentation, by roles.
 const TABLE: &str = "chip: stack";
 const ROLES: [&str; 4] = ["coordinator", "camera", "reference", "target"];
+/// The current of a camera that sleeps, in the documentation, and the text that a test prints behind it.
+const SLEEP: &str = "chip: sleep";
+const DRAWN: &str = " mA are drawn by a camera that sleeps";
 /// Text that a test prints behind a role and the number of bytes.
 const USED: &str = " bytes of stack were used";
 
@@ -61,13 +64,15 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     stack(sh, bound, &said)
 }
 
-/// Runs the image of a dongle as a coordinator with a PC at its USB plug.
+/// Runs the images of a dongle and of a kit as a coordinator with a PC at the USB plug of its chip.
 ///
 /// # Errors
 /// One of that fails.
 pub(crate) fn plug(sh: &Shell) -> Result<()> {
     let image = firmware::build(sh, &board_facts::PCA10059, &[])?;
     let _image = sh.push_env("NODE_PLUG", sh.current_dir().join(image));
+    let kit = firmware::build_plugged(sh, &BOARD, &[])?;
+    let _kit = sh.push_env("NODE_PLUG_KIT", sh.current_dir().join(kit));
     harness::ignored(sh, &[PLUG], Pace::InTurn)?;
     Ok(())
 }
@@ -112,11 +117,28 @@ fn stack(sh: &Shell, bound: u64, said: &str) -> Result<()> {
         ensure!(used <= bound, "more than was computed");
         rows.push([format!("{role}, measured"), number(used)]);
     }
-    let table = Table {
-        name: TABLE,
-        rows: rows.into_iter().map(Vec::from).collect(),
-    };
-    documented::agree(sh, "test --stage chip", &[table])
+    let drawn = drawn(said).context("no test told what a camera draws that sleeps")?;
+    let current = [
+        ["mA, `cargo xtask test --stage chip`", "nRF52840"],
+        ["camera that sleeps, without the CMUcam2", drawn],
+    ];
+    let tables = [
+        Table {
+            name: TABLE,
+            rows: rows.into_iter().map(Vec::from).collect(),
+        },
+        Table {
+            name: SLEEP,
+            rows: current.map(|row| row.map(str::to_owned).to_vec()).to_vec(),
+        },
+    ];
+    documented::agree(sh, "test --stage chip", &tables)
+}
+
+/// The figure that a test printed before [`DRAWN`].
+fn drawn(said: &str) -> Option<&str> {
+    let (before, _) = said.split_once(DRAWN)?;
+    before.split_whitespace().next_back()
 }
 
 /// The largest figure that tests printed for a role.
@@ -180,5 +202,7 @@ mod tests {
         assert_eq!(most_used(said, "target"), Some(7012));
         assert_eq!(most_used(said, "camera"), Some(9000));
         assert_eq!(most_used(said, "coordinator"), None);
+        let said = "test b ... 0.04 mA are drawn by a camera that sleeps; it listens\nok\n";
+        assert_eq!((drawn(said), drawn("ok")), (Some("0.04"), None));
     }
 }

@@ -72,8 +72,12 @@ enum Chore {
         #[arg(long = "role", value_parser = firmware::ROLE_NAMES)]
         roles: Vec<String>,
         /// Images of this version that are updated by radio, and the boot loader that they need
-        #[arg(long, value_name = "VERSION")]
+        #[arg(long, value_name = "VERSION", conflicts_with = "usb")]
         update: Option<u32>,
+        /// For a coordinator whose PC is at the USB plug of the chip, not at that of the debug probe: of kits that have
+        /// both
+        #[arg(long)]
+        usb: bool,
     },
     /// Tests against programs of other projects, which are built from source first
     Peers,
@@ -204,11 +208,19 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             boards,
             roles,
             update: None,
+            usb: true,
+        } => firmware::plugged(&sh, &boards, &roles),
+        Chore::Firmware {
+            boards,
+            roles,
+            update: None,
+            usb: false,
         } => firmware::run(&sh, &boards, &roles),
         Chore::Firmware {
             boards,
             roles,
             update: Some(version),
+            usb: _,
         } => firmware::updated(&sh, &boards, &roles, version),
         Chore::Peers => {
             setup::packages(&sh)?;

@@ -232,7 +232,7 @@ const STAGES: [Stage; 23] = [
     .nightly(),
     stage(
         "boards",
-        "images of all other boards, and a dongle with a PC at its USB plug",
+        "images of all other boards, and a dongle and a kit with a PC at the plug of the chip",
         other_boards,
     )
     .needs(setup::linker)

@@ -274,6 +274,11 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.sleep.is_asleep()
     }
 
+    /// Returns true if it sleeps, or only listens for the answer to a question of its own.
+    pub(crate) const fn is_quiet(&self) -> bool {
+        self.sleep.is_quiet()
+    }
+
     /// Wakes all devices that sleep, before anything else is sent.
     pub(crate) fn wake_all(&mut self, now: Instant) {
         if self.sleep.has_to_wake(now, ShortAddress::BROADCAST, 0) {

@@ -47,6 +47,8 @@ pub(super) struct Sleep {
     /// False: all nodes of the network listen always.
     is_used: bool,
     is_asleep: bool,
+    /// It sleeps, but for answers to its own questions.
+    is_quiet: bool,
     /// It listens until then, at least.
     awake: Instant,
     /// An answer may come until then.
@@ -66,6 +68,7 @@ impl Sleep {
         Self {
             is_used: false,
             is_asleep: false,
+            is_quiet: false,
             awake: START,
             answer: START,
             all: START,
@@ -102,7 +105,8 @@ impl Sleep {
             }
             self.stay_awake(now);
         }
-        self.is_asleep = self.is_used && self.awake.max(self.answer) <= now;
+        self.is_quiet = self.is_used && self.awake <= now;
+        self.is_asleep = self.is_quiet && self.answer <= now;
     }
 
     /// Something is to be sent, to which an answer may come.
@@ -114,6 +118,11 @@ impl Sleep {
     /// Returns true if the node sleeps, unless it is a coordinator.
     pub(super) const fn is_asleep(&self) -> bool {
         self.is_asleep
+    }
+
+    /// Returns true if it sleeps, or only listens for the answer to a question of its own.
+    pub(super) const fn is_quiet(&self) -> bool {
+        self.is_quiet
     }
 
     /// Time to [`poll`](Self::poll).
@@ -237,6 +246,9 @@ mod tests {
         // It asks whether its coordinator is there, and listens until the answer.
         sleep.on_asking(until);
         assert!(!sleep.is_asleep());
+        // Which is no reason for others to wake.
+        sleep.poll(until);
+        assert!(!sleep.is_asleep() && sleep.is_quiet());
         sleep.on_answered();
         sleep.poll(until);
         assert!(sleep.is_asleep());
@@ -246,6 +258,7 @@ mod tests {
         assert!(sleep.is_asleep());
         sleep.on_wake(until, CAMERA, false);
         sleep.poll(until);
+        assert!(!sleep.is_quiet());
         assert_eq!(sleep.deadline(), Some(until + WAKE_FOR));
     }
 

@@ -475,15 +475,16 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 ..coordinator.radio(&self.common)?
             }),
             Role::Device(device) => Some(RadioConfig {
-                sampled: self.is_asleep(),
+                sampled: device.is_joined() && self.link.is_asleep(),
                 ..device.radio(&self.common)?
             }),
         }
     }
 
-    /// Returns true while this device sleeps, because its network is quiet.
-    pub fn is_asleep(&self) -> bool {
-        matches!(&self.role, Role::Device(device) if device.is_joined()) && self.link.is_asleep()
+    /// Returns true while this device has nothing to do before it is woken, because its network is quiet: it sleeps, or
+    /// listens for the answer to a question of its own.
+    pub fn is_quiet(&self) -> bool {
+        matches!(&self.role, Role::Device(device) if device.is_joined()) && self.link.is_quiet()
     }
 
     fn transmit(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {

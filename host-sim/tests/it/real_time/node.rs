@@ -77,6 +77,8 @@ impl Line {
     }
 }
 
+impl node_firmware::hardware::Line for Line {}
+
 impl ErrorType for Line {
     type Error = Infallible;
 }

@@ -167,6 +167,12 @@ fn port(offset: u16) -> (usize, u16) {
 }
 
 impl Gpio {
+    /// Returns true if a pin, by its number over both ports, is an output that drives its level.
+    pub(crate) fn drives(&self, pin: u32) -> bool {
+        let port = self.ports.get(pin as usize / 32);
+        port.is_some_and(|port| port.released() >> (pin % 32) & 1 == 0)
+    }
+
     /// From an instant on, now if that has passed, something outside pulls these inputs of a port down, and
     /// no others.
     pub(crate) fn pull(&mut self, at: u64, port: u8, low: u32, call: &mut Call<'_, '_>) {

@@ -23,10 +23,26 @@ pub struct Timer {
     /// Time since which it runs as a timer.
     since: Option<u64>,
     is_running: bool,
+    /// Time for which it needed its clock, and since when it does: a counter does, too. STOP alone does not end that
+    /// (Errata, 78).
+    clocked: u64,
+    clocked_since: Option<u64>,
     next: Option<EventId>,
 }
 
 impl Timer {
+    /// Time for which it needed its clock until now, nanoseconds.
+    pub fn clocked_until(&self, now: u64) -> u64 {
+        let since = self.clocked_since.unwrap_or(now);
+        self.clocked + now.saturating_sub(since)
+    }
+
+    /// Ends its need of a clock.
+    pub(crate) fn shut_down(&mut self, now: u64) {
+        self.clocked = self.clocked_until(now);
+        self.clocked_since = None;
+    }
+
     fn mask(call: &Call<'_, '_>) -> u64 {
         match call.get(BITMODE) & 3 {
             0 => 0xffff,
@@ -93,9 +109,14 @@ impl Model for Timer {
             0 if self.is_running => {}
             0 => {
                 self.is_running = true;
+                self.clocked_since.get_or_insert(call.now());
                 self.since = is_timer.then(|| call.now());
             }
-            1 | 4 => self.stop(call),
+            1 => self.stop(call),
+            4 => {
+                self.stop(call);
+                self.shut_down(call.now());
+            }
             2 if is_timer => {
                 call.forbid(
                     "TASKS_COUNT",
@@ -155,7 +176,11 @@ impl Model for Timer {
     }
 
     fn reset(&mut self) {
-        *self = Self::default();
+        *self = Self {
+            clocked: self.clocked,
+            clocked_since: self.clocked_since,
+            ..Self::default()
+        };
     }
 }
 
@@ -180,6 +205,25 @@ mod tests {
         bench.task(2);
         bench.task(17);
         assert_eq!(bench.get(CC + 4), 1);
+    }
+
+    /// `TASKS_SHUTDOWN` is at 0x010.
+    #[test]
+    fn a_stopped_counter_needs_its_clock_until_it_is_shut_down() {
+        let mut bench = Bench::new(Timer::default());
+        bench.set(MODE, 2);
+        for expected in [1_007, 2_014] {
+            bench.pass(50);
+            bench.task(0);
+            bench.pass(1_000);
+            bench.task(1);
+            bench.pass(7);
+            bench.set(0x010, 1);
+            bench.pass(50);
+            let timer = &bench.chip.model.model;
+            assert_eq!(timer.clocked_until(bench.now), expected);
+        }
+        assert_eq!(bench.forbidden(), [""; 0]);
     }
 
     #[test]

@@ -104,8 +104,9 @@ pub struct Uarte {
     pub full: Option<Range<u64>>,
     /// Time for which bytes were on the line, nanoseconds: both directions together.
     pub transferred: u64,
-    /// Time for which the receiver ran until it was last switched off, and the time since which it runs.
-    listened: u64,
+    /// Time for which receiver or transmitter were started until both had last stopped, and the time since which one
+    /// of them is.
+    started: u64,
     since: u64,
     /// Value that ERRORSRC shows.
     errors: u32,
@@ -114,8 +115,14 @@ pub struct Uarte {
     /// Bytes of the buffer that is sent.
     out: Vec<u8>,
     rx: Option<Buffer>,
-    /// The receiver runs, with a buffer or without.
+    /// The receiver runs, with a buffer or without; the event at which it has stopped.
     is_on: bool,
+    stopping: Option<EventId>,
+    /// The transmitter was started, and not stopped since.
+    is_ready: bool,
+    /// Pin over which it last began to send, and true until it was disabled since.
+    output: Option<u32>,
+    is_driven: bool,
     fifo: VecDeque<u8>,
     next: Option<EventId>,
 }
@@ -158,6 +165,10 @@ impl Uarte {
             );
         }
         let rate = (u64::from(call.get(BAUDRATE)) * 16_000_000) >> 32;
+        if pin == PSEL_TXD {
+            self.output = Some(call.get(pin));
+            self.is_driven = true;
+        }
         let wires = Wires {
             pins: [PSEL_TXD, PSEL_RXD].map(|pin| call.get(pin)),
             rate: rate as u32,
@@ -169,30 +180,49 @@ impl Uarte {
 
     /// Starts the receiver; bytes from before were not heard.
     fn switch_on(&mut self, call: &mut Call<'_, '_>) {
+        self.stopping = None;
         if !self.is_on {
-            self.is_on = true;
             let now = call.now();
-            self.since = now;
+            self.count(now);
+            self.is_on = true;
             while { self.peer.as_mut() }.is_some_and(|peer| peer.transmit(now).is_some()) {}
         }
         self.plan(call);
     }
 
-    /// Stops the receiver.
+    /// Stops receiver and transmitter.
     pub(crate) fn switch_off(&mut self, now: u64) {
-        self.listened = self.listened_until(now);
+        self.count(now);
         self.is_on = false;
+        self.is_ready = false;
+        self.stopping = None;
         self.next = None;
     }
 
-    /// Time for which the receiver ran until now, nanoseconds.
-    pub fn listened_until(&self, now: u64) -> u64 {
-        let running = if self.is_on {
-            now.saturating_sub(self.since)
-        } else {
-            0
+    /// Time until now for which it needed the high-frequency clock, nanoseconds: receiver or transmitter were started
+    /// and had not stopped. Each "consumes the least amount of energy" before it is started, and after `RXTO` or
+    /// `TXSTOPPED` (Product Specification, "UARTE", transmission and reception).
+    pub fn started_until(&self, now: u64) -> u64 {
+        let running = match self.is_started() {
+            true => now.saturating_sub(self.since),
+            false => 0,
         };
-        self.listened + running
+        self.started + running
+    }
+
+    /// Pin over which it has sent and that it does not drive any more.
+    pub(crate) fn left(&self) -> Option<u32> {
+        self.output.filter(|_| !self.is_driven)
+    }
+
+    fn is_started(&self) -> bool {
+        self.is_on || self.is_ready
+    }
+
+    /// Counts the time until now, before one of them starts or stops.
+    fn count(&mut self, now: u64) {
+        self.started = self.started_until(now);
+        self.since = now;
     }
 
     fn plan(&mut self, call: &mut Call<'_, '_>) {
@@ -277,14 +307,17 @@ impl Model for Uarte {
                     self.drain(call);
                 }
             }
-            1 => {
-                self.switch_off(call.now());
-                self.end_reception(call);
-                call.event(RXTO);
+            // It goes on for the time of as many bytes as the FIFO has room for ("UARTE", reception).
+            1 if self.is_on => {
+                let time = Self::byte_time(call) * FIFO as u64;
+                self.stopping = Some(call.after(time));
             }
+            1 => call.event(RXTO),
             2 => {
                 let (pointer, max) = (call.get(TX_PTR), call.get(TX_MAX));
                 self.connect(PSEL_TXD, call);
+                self.count(call.now());
+                self.is_ready = true;
                 call.event(TXSTARTED);
                 if max == 0 {
                     self.end_transmission(0, call);
@@ -296,6 +329,8 @@ impl Model for Uarte {
                 if let Some((buffer, _)) = self.tx.take() {
                     self.end_transmission(buffer.done, call);
                 }
+                self.count(call.now());
+                self.is_ready = false;
                 call.event(TXSTOPPED);
             }
             11 => {
@@ -326,6 +361,14 @@ impl Model for Uarte {
 
     fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
         let now = call.now();
+        if self.stopping == Some(id) {
+            self.count(now);
+            self.stopping = None;
+            self.is_on = false;
+            self.next = None;
+            self.end_reception(call);
+            call.event(RXTO);
+        }
         if let Some((mut buffer, _)) = self.tx.take_if(|(_, mine)| *mine == id) {
             let byte = self.out.get(buffer.done as usize).copied().unwrap_or(0);
             self.sent.push((now, byte));
@@ -378,8 +421,15 @@ impl Model for Uarte {
             self.errors &= !value;
             call.set(ERRORSRC, self.errors);
         }
-        // A UARTE that is switched off keeps nothing, as chips do.
+        // A UARTE that is switched off keeps nothing, as chips do. One that is switched off before it has stopped may
+        // go on to draw current.
         if offset == ENABLE && value != 8 {
+            if self.is_started() {
+                call.forbid(
+                    "ENABLE",
+                    "it is disabled before RXTO and TXSTOPPED (\"UARTE\", low power)",
+                );
+            }
             self.switch_off(call.now());
             Model::reset(self);
         }
@@ -389,6 +439,9 @@ impl Model for Uarte {
         self.tx = None;
         self.rx = None;
         self.is_on = false;
+        self.stopping = None;
+        self.is_ready = false;
+        self.is_driven = false;
         self.next = None;
         self.fifo.clear();
         self.errors = 0;
@@ -477,6 +530,7 @@ mod tests {
         assert_eq!(bench.forbidden(), [""; 0]);
         bench.pass(5_000_000);
         bench.task(1);
+        bench.pass(2_000_000);
         bench.set(PSEL_TXD, u32::MAX);
         bench.task(2);
         bench.set(CONFIG, 1);
@@ -517,7 +571,8 @@ mod tests {
         bench.task(2);
         bench.pass(5_000_000);
         bench.task(1);
-        assert!(bench.took(ENDRX));
+        bench.pass(2_000_000);
+        assert!(bench.took(ENDRX) && bench.took(RXTO));
         bench.set(RX_MAX, 10);
         bench.set(0x02c, 1);
         assert!(bench.took(ENDRX));
@@ -533,7 +588,13 @@ mod tests {
         bench.task(0);
         bench.task(2);
         bench.pass(5_000_000);
+        bench.task(1);
+        bench.task(3);
+        bench.pass(2_000_000);
+        assert_eq!(bench.chip.model.model.left(), None);
         bench.set(ENABLE, 0);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        assert_eq!(bench.chip.model.model.left(), Some(bench.get(PSEL_TXD)));
         bench.set(ENABLE, 8);
         assert!(bench.took(ENDRX));
         bench.task(0);
@@ -558,20 +619,55 @@ mod tests {
         assert_eq!(bench.cells.0[&0x2000_0200], b'h');
     }
 
+    /// Receiver and transmitter draw current until each was stopped: ENDTX and ENDRX do not stop them.
     #[test]
     fn its_time_is_counted() {
+        let mut bench = bench();
+        let started = |bench: &Bench<Uarte>| bench.chip.model.model.started_until(bench.now);
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 10);
+        bench.pass(1_000_000);
+        assert_eq!(started(&bench), 0);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        // Ten bytes out and as many in, at 38,339 baud.
+        assert_eq!(bench.chip.model.model.transferred / 20_000, 260);
+        bench.task(1);
+        // Four bytes at that rate.
+        bench.pass(1_043_000);
+        assert!(!bench.took(RXTO));
+        bench.pass(1_000);
+        assert!(bench.took(RXTO));
+        bench.pass(3_956_000);
+        assert_eq!(started(&bench), 10_000_000);
+        bench.set(ENABLE, 0);
+        assert_eq!(bench.forbidden(), ["ENABLE"]);
+        bench.set(ENABLE, 8);
+        bench.task(2);
+        bench.pass(5_000_000);
+        bench.task(3);
+        assert!(bench.took(TXSTOPPED));
+        bench.pass(5_000_000);
+        assert_eq!(started(&bench), 15_000_000);
+    }
+
+    /// Bytes that were under way when the receiver was stopped are received.
+    #[test]
+    fn a_receiver_stops_late() {
         let mut bench = bench();
         bench.set(RX_PTR, 0x2000_0200);
         bench.set(RX_MAX, 10);
         bench.task(0);
         bench.task(2);
-        bench.pass(5_000_000);
+        // The first byte was sent after 0.26 ms, and comes back a millisecond later.
+        bench.pass(1_200_000);
         bench.task(1);
         bench.pass(5_000_000);
-        let uarte = &bench.chip.model.model;
-        assert_eq!(uarte.listened_until(bench.now), 5_000_000);
-        // Ten bytes out and as many in, at 38,339 baud.
-        assert_eq!(uarte.transferred / 20_000, 260);
+        assert!(bench.took(ENDRX) && bench.took(RXTO));
+        assert_eq!(bench.get(RX_AMOUNT), 4);
+        // It hears nothing before it is started again.
+        assert!(!bench.took(ERROR));
     }
 
     #[test]
@@ -619,6 +715,7 @@ mod tests {
         bench.task(2);
         bench.set(TX_PTR, 0x2003_fffc);
         bench.task(2);
+        bench.task(3);
         bench.set(ENABLE, 0);
         bench.task(2);
         assert_eq!(bench.forbidden(), ["PTR", "PTR", "ENABLE"]);

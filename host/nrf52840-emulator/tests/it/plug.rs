@@ -1,4 +1,5 @@
-//! The image of `NODE_PLUG`, a dongle's, whose coordinator speaks with a PC at its USB plug.
+//! The images of `NODE_PLUG`, a dongle's, and `NODE_PLUG_KIT`, a kit's, whose coordinator speaks with a PC at the USB plug
+//! of its chip.
 
 use std::{
     collections::VecDeque,
@@ -8,7 +9,7 @@ use std::{
     sync::{Arc, Mutex},
 };
 
-use board_facts::{Board, PCA10059};
+use board_facts::{Board, NRF52840_DK, PCA10059};
 use node_firmware::{
     config::{CheckedConfig, page},
     console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
@@ -40,15 +41,34 @@ fn boot_record() -> Vec<u8> {
     words.chain(code).chain(image).collect()
 }
 
-/// A dongle as it comes from its boot loader, with blank memory.
-fn dongle(config: &CheckedConfig) -> Node {
-    let image: PathBuf = env::var_os("NODE_PLUG")
-        .expect("NODE_PLUG is not set")
-        .into();
-    let elf = fs::read(&image).unwrap();
-    let program = ElfFile32::<Endianness>::parse(elf.as_slice()).unwrap();
+fn image(variable: &str) -> PathBuf {
+    let image = env::var_os(variable);
+    image
+        .unwrap_or_else(|| panic!("{variable} is not set"))
+        .into()
+}
+
+fn page(config: &CheckedConfig) -> Vec<u8> {
     let mut page = vec![0xff; page::PAGE_MAX];
     page::encode(config, &mut page).unwrap();
+    page
+}
+
+/// A kit as its debug probe leaves it, with blank memory.
+fn kit(config: &CheckedConfig) -> Node {
+    Node {
+        image: image("NODE_PLUG_KIT"),
+        flash: vec![(NRF52840_DK.config().into(), page(config))],
+        ..Node::default()
+    }
+}
+
+/// A dongle as it comes from its boot loader, with blank memory.
+fn dongle(config: &CheckedConfig) -> Node {
+    let image = image("NODE_PLUG");
+    let elf = fs::read(&image).unwrap();
+    let program = ElfFile32::<Endianness>::parse(elf.as_slice()).unwrap();
+    let page = page(config);
     let mut flash = vec![0xff; FLASH_END];
     let mut put = |at: u32, bytes: &[u8]| {
         flash[at as usize..][..bytes.len()].copy_from_slice(bytes);
@@ -113,18 +133,18 @@ impl Peer for Program {
     }
 }
 
-/// A coordinator with this PC and a camera run for a time.
-fn run(pc: Option<Pc>, time: u64) -> [Outcome; 2] {
+/// A coordinator with this PC and a camera run for a time, on boards of a kind.
+fn run(board: fn(&CheckedConfig) -> Node, pc: Option<Pc>, time: u64) -> [Outcome; 2] {
     let lab = lab();
     let coordinator = Node {
         pc,
-        ..dongle(&lab.configs.coordinator)
+        ..board(&lab.configs.coordinator)
     };
     let mut network = Network::default();
     network.switch_on(0, coordinator, 0);
     let camera = Node {
         peer: Some(Box::new(lab.eye(0))),
-        ..dongle(&lab.configs.cameras[0])
+        ..board(&lab.configs.cameras[0])
     };
     network.switch_on(1, camera, 0);
     while network.reached() < time {
@@ -160,12 +180,23 @@ fn members(program: &Program, during: Range<u64>) -> usize {
 #[test]
 #[ignore = "`cargo xtask test --stage boards`"]
 fn a_coordinator_speaks_over_its_plug() {
+    speaks_over_its_plug(dongle, BOARD);
+}
+
+/// Its debug probe's serial port is silent then.
+#[test]
+#[ignore = "`cargo xtask test --stage boards`"]
+fn a_kit_speaks_over_the_plug_of_its_chip() {
+    speaks_over_its_plug(kit, &NRF52840_DK);
+}
+
+fn speaks_over_its_plug(node: fn(&CheckedConfig) -> Node, board: &Board) {
     let program = Program::default();
-    let [coordinator, camera] = run(Some(Pc::new(Box::new(program.clone()))), 20 * S);
+    let [coordinator, camera] = run(node, Some(Pc::new(Box::new(program.clone()))), 20 * S);
     let names = coordinator.names.expect("the PC knows its device");
     assert_eq!(names.numbers, [0x16c0, 0x05e1]);
     let [maker, product, serial] = names.texts.each_ref().map(String::as_str);
-    assert_eq!([maker, product], ["Self-calibrating cameras", BOARD.title]);
+    assert_eq!([maker, product], ["Self-calibrating cameras", board.title]);
     assert_eq!(serial.len(), 16);
     assert!(serial.bytes().all(|digit| digit.is_ascii_hexdigit()));
     // Asked every five seconds, once it has joined.
@@ -180,17 +211,17 @@ fn a_coordinator_speaks_over_its_plug() {
 #[ignore = "`cargo xtask test --stage boards`"]
 fn a_network_goes_on_without_its_pc() {
     let joins = |outcome: &Outcome| outcome.received[0] > 5;
-    let [alone, _] = run(None, 12 * S);
+    let [alone, _] = run(dongle, None, 12 * S);
     assert!(joins(&alone) && alone.plug.is_empty());
     let program = Program::default();
     let late = Pc::new(Box::new(program.clone())).with_times(15 * S, 0..0);
-    let [late, _] = run(Some(late), 30 * S);
+    let [late, _] = run(dongle, Some(late), 30 * S);
     assert!(joins(&late) && late.names.is_some());
     assert!(late.plug.iter().all(|(at, _)| *at > 15 * S));
     assert!(members(&program, 15 * S..30 * S) >= 2);
     let program = Program::default();
     let busy = Pc::new(Box::new(program.clone())).with_times(0, 8 * S..21 * S);
-    let [busy, _] = run(Some(busy), 40 * S);
+    let [busy, _] = run(dongle, Some(busy), 40 * S);
     assert!(joins(&busy));
     assert_eq!(members(&program, 8 * S..21 * S), 0);
     assert!(members(&program, 21 * S..40 * S) >= 2);

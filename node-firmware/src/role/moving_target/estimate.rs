@@ -21,7 +21,7 @@ use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
-    limits::{ESTIMATED_STOPS, WALK_BEARINGS},
+    limits::{ESTIMATED_CAMERAS, ESTIMATED_STOPS, WALK_BEARINGS},
     log::debug,
     message::{
         CameraState, Duty, MemberAddress, Mount, PoseParts, ProtectionLevel, Report, Seen,
@@ -35,8 +35,8 @@ use super::{
     table::{CameraEntry, Table},
 };
 
-/// Cameras that take part. Further ones find their poses from their own sightings.
-pub const CAMERAS: usize = 24;
+/// Cameras that take part.
+pub const CAMERAS: usize = ESTIMATED_CAMERAS;
 /// Numbers that they are solved with.
 pub const WORKSPACE: usize = Capacity {
     cameras: CAMERAS,

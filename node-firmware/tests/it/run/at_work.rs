@@ -50,6 +50,34 @@ fn they_join_and_look() {
     assert!(heard.contains(&"ST 170 240 60 140 16 80".to_owned()));
 }
 
+/// A network that sleeps while it is quiet: with its CMUcam2 the node's own UART is off, and bytes find it on again.
+#[test]
+fn a_line_rests_while_its_camera_sleeps() {
+    let mut site = Site::new();
+    for config in site.configs() {
+        config.sleeps = true;
+    }
+    site.restart(4);
+    site.camera.sees(Some(40));
+    site.bench.run_for(40 * SECOND);
+    assert!(!site.camera.rests.get());
+    assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
+    // Two minutes after it was last woken.
+    site.bench.run_for(160 * SECOND);
+    assert!(site.camera.rests.get());
+    assert_eq!(site.camera.heard().last().unwrap(), "SD");
+    site.camera.forget_heard();
+    site.bench.run_for(60 * SECOND);
+    assert!(site.camera.rests.get());
+    assert_eq!(site.camera.heard(), [""; 0]);
+    // A question wakes it. It starts anew, and obeys then.
+    site.pc.wish(FromPc::Sightings(site.camera_address()));
+    site.bench.run_for(20 * SECOND);
+    assert!(!site.camera.rests.get());
+    assert!(site.camera.heard().contains(&"RS".to_owned()));
+    assert!(site.command(CameraCommand::Track { colour: 0 }, 5 * SECOND));
+}
+
 #[test]
 fn the_pc_commands_a_camera() {
     let mut site = Site::new();

@@ -37,8 +37,14 @@ const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
 /// Functions of the same instructions are linked once: no code compares addresses of functions.
 const FOLDING: &str = "-Clink-arg=--icf=all";
 
-/// Level of logs in images, for `defmt`: errors, unless this says something else.
-const LOG: &str = "DEFMT_LOG";
+/// Variables that make other images: the level of logs, for `defmt`, which is errors without it; and sizes of tables
+/// (`node_firmware::limits`).
+const VARIABLES: [&str; 4] = [SIZES[0], SIZES[1], SIZES[2], "DEFMT_LOG"];
+const SIZES: [&str; 3] = ["NODE_MEMBERS", "NODE_CAMERAS", "NODE_STOPS"];
+
+/// Sizes for a room, and the RAM that an image for all roles takes then at most.
+const ROOM: [&str; 3] = ["10", "8", "24"];
+const ROOM_RAM: u64 = 52 << 10;
 
 /// Number of the largest symbols that are listed.
 const LARGEST: usize = 12;
@@ -150,6 +156,38 @@ pub(crate) fn run(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()>
     Ok(())
 }
 
+/// Kits that have a USB plug of their chip beside that of their debug probe, which is a coordinator's line by default.
+const KITS: [&Board; 2] = [&board_facts::NRF52840_DK, &board_facts::NRF52833_DK];
+
+/// Builds images for kits whose coordinator has its PC at the plug of the chip: `cargo xtask firmware --usb`.
+///
+/// # Errors
+/// A board is no such kit, or a check fails.
+pub(crate) fn plugged(sh: &Shell, chosen: &[String], roles: &[String]) -> Result<()> {
+    for name in chosen {
+        let names = KITS.map(|board| board.name);
+        ensure!(
+            names.contains(&name.as_str()),
+            "`{name}` is no kit with a plug of its chip and one of its probe: there are {}; an image of a board without \
+             a probe speaks over its plug anyway",
+            names.join(", ")
+        );
+    }
+    let roles: Vec<_> = roles.iter().map(String::as_str).collect();
+    let is_chosen =
+        |board: &&Board| chosen.is_empty() || chosen.iter().any(|name| name == board.name);
+    for board in KITS.into_iter().filter(is_chosen) {
+        let image = pack(board, &build_plugged(sh, board, &roles)?)?;
+        Count::new(&panics::find(&image)?).none_of_ours(board.name)?;
+    }
+    Ok(())
+}
+
+/// Builds an image whose coordinator has its PC at the plug of the chip, and returns its path.
+pub(crate) fn build_plugged(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
+    finish(sh, board, &Name::of(board, roles, Some("usb")))
+}
+
 /// Builds images of a version for updates by radio, and the boot loader: `cargo xtask firmware --update`.
 ///
 /// # Errors
@@ -194,7 +232,7 @@ pub(crate) fn build_updated(
     roles: &[&str],
     version: u32,
 ) -> Result<PathBuf> {
-    let name = Name::of(board, roles, true);
+    let name = Name::of(board, roles, Some("update"));
     let (path, mut elf) = compile(sh, board.name, &name.file, &name.features)?;
     let length = flash_file::updated(board, &elf)
         .with_context(|| self::name(&path))?
@@ -232,7 +270,25 @@ pub(crate) fn others(sh: &Shell) -> Result<()> {
     let is_audited = |board: &Board| AUDITED.iter().any(|known| known.board.name == board.name);
     let others = BOARDS.into_iter().filter(|board| !is_audited(board));
     check(sh, &others.collect::<Vec<_>>())?;
+    check_sizes(sh)?;
     check_roles(sh, &ROLES)
+}
+
+/// Builds an image with the tables of a room, which must take less RAM.
+fn check_sizes(sh: &Shell) -> Result<()> {
+    let image = {
+        let _sizes: Vec<_> = (SIZES.iter().zip(ROOM))
+            .map(|(name, size)| sh.push_env(name, size))
+            .collect();
+        Image::read(&build(sh, &board_facts::NRF52840_DK, &[])?)?
+    };
+    let ram = image.size.ram;
+    println!("all roles, with the tables of a room: {ram} bytes of RAM");
+    ensure!(
+        ram <= ROOM_RAM,
+        "an image with the tables of a room may take {ROOM_RAM} bytes of RAM"
+    );
+    Ok(())
 }
 
 /// Builds an image for each of these roles alone, and fails over its limits or, where these are all roles, a figure in
@@ -265,17 +321,18 @@ fn check_roles(sh: &Shell, roles: &[Role]) -> Result<()> {
 
 /// Builds images, and the files with which their boards are flashed; prints the memory that they take, and fails over
 /// a budget, a panic, a byte outside of the board's region or, where all audited ones are among them, a figure in the
-/// documentation that is another one. Of other boards only panics of this project are looked for. Images that are to log
-/// more than errors are only built: logging takes room and stack, and formats text.
+/// documentation that is another one. Of other boards only panics of this project are looked for. Images for which one of
+/// [`VARIABLES`] is set are only built: logging takes room and stack, and formats text.
 fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
-    let log = env::var_os(LOG).filter(|level| !level.is_empty());
+    let is_set = |name: &&str| env::var_os(name).is_some_and(|value| !value.is_empty());
+    let variable = VARIABLES.into_iter().find(is_set);
     let mut measured = Vec::new();
     for board in boards {
         let image = pack(board, &build(sh, board, &[])?)?;
         let audited = AUDITED
             .iter()
             .position(|audited| audited.board.name == board.name);
-        match (audited, &log) {
+        match (audited, variable) {
             (_, Some(_)) => {}
             (None, None) => Count::new(&panics::find(&image)?).none_of_ours(board.name)?,
             (Some(number), None) => {
@@ -284,10 +341,9 @@ fn check(sh: &Shell, boards: &[&'static Board]) -> Result<()> {
             }
         }
     }
-    if let Some(level) = log {
+    if let Some(name) = variable {
         println!(
-            "These images log {}: what they take, and whether they can panic, is not checked.",
-            level.display()
+            "{name} is set: what these images take, and whether they can panic, is not checked."
         );
     }
     if measured.is_empty() {
@@ -345,8 +401,8 @@ fn pack(board: &'static Board, path: &Path) -> Result<Image> {
     }
     let image = Image::read(path)?;
     println!(
-        "{}: {files}: {} bytes of flash",
-        board.title, image.size.flash
+        "{}: {files}: {} bytes of flash, {} of static RAM",
+        board.title, image.size.flash, image.size.ram
     );
     Ok(image)
 }
@@ -405,7 +461,10 @@ fn crates(measured: &[Measured]) -> Result<documented::Table> {
 
 /// Builds an image with these roles, or with all, and returns its path.
 pub(crate) fn build(sh: &Shell, board: &Board, roles: &[&str]) -> Result<PathBuf> {
-    let name = Name::of(board, roles, false);
+    finish(sh, board, &Name::of(board, roles, None))
+}
+
+fn finish(sh: &Shell, board: &Board, name: &Name) -> Result<PathBuf> {
     let (path, elf) = compile(sh, board.name, &name.file, &name.features)?;
     replace(&path, &elf)?;
     Ok(path)
@@ -418,7 +477,8 @@ struct Name {
 }
 
 impl Name {
-    fn of(board: &Board, roles: &[&str], is_updated: bool) -> Self {
+    /// With a feature of the board's package, if any.
+    fn of(board: &Board, roles: &[&str], feature: Option<&str>) -> Self {
         let mut file = board.name.to_owned();
         let mut features = Vec::new();
         if !roles.is_empty() {
@@ -431,9 +491,9 @@ impl Name {
                 Family::Stm32l4 => format!("--features={role}"),
             });
         }
-        if is_updated {
-            file = format!("{file}-update");
-            features.push("--features=update".to_owned());
+        if let Some(feature) = feature {
+            file = format!("{file}-{feature}");
+            features.push(format!("--features={feature}"));
         }
         Self {
             file: format!("{file}-node"),
