@@ -16,6 +16,7 @@ use calib_core::{
     },
     level::Levelness,
 };
+use flash_log::DirtySet;
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
 use crate::{
@@ -83,7 +84,13 @@ const HANGS: f32 = 12.0;
 /// deceived.
 const SEVERAL: usize = 2;
 
-const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
+/// Some of the cameras.
+type CameraSet = DirtySet<{ CAMERAS.div_ceil(u32::BITS as usize) }>;
+
+/// Returns true if a camera is one of these.
+fn has(cameras: &CameraSet, camera: usize) -> bool {
+    cameras.first_in(&(camera..camera + 1)).is_some()
+}
 
 /// Memory for a target's measurements and estimates.
 #[derive(Debug)]
@@ -124,8 +131,8 @@ struct Camera {
 #[derive(Clone, Copy, Debug, Default)]
 struct Votes {
     agree: usize,
-    /// A bit for each camera that holds another pose.
-    against: u32,
+    /// Cameras that hold another pose.
+    against: usize,
     /// The one that is farthest off, and its distance: chi squared.
     worst: Option<(usize, f32)>,
 }
@@ -141,7 +148,7 @@ impl Camera {
 impl Votes {
     /// More agree than not: the others have been moved. Otherwise the frame may be wrong.
     const fn are_for(&self) -> bool {
-        self.against == 0 || self.agree > self.against.count_ones() as usize
+        self.against == 0 || self.agree > self.against
     }
 }
 
@@ -153,12 +160,12 @@ pub(super) struct Estimate<'m> {
     cameras: heapless::Vec<Camera, CAMERAS>,
     /// Report that each was told, or is to be told.
     told: &'m mut [Option<Report>; CAMERAS],
-    /// To be told: a bit for each camera.
-    news: u32,
+    /// To be told.
+    news: CameraSet,
     /// To be told again after the next solve, whatever its result.
-    again: u32,
-    /// Moved cameras whose former place is to be forgotten: a bit for each.
-    past: u32,
+    again: CameraSet,
+    /// Moved cameras whose former place is to be forgotten.
+    past: CameraSet,
     /// Bearings before this one are written down, or are to be.
     pub(super) saved: usize,
     /// Stops of a former run are not in their order yet.
@@ -196,9 +203,9 @@ impl<'m> Estimate<'m> {
             estimator,
             cameras: heapless::Vec::new(),
             told,
-            news: 0,
-            again: 0,
-            past: 0,
+            news: CameraSet::new(),
+            again: CameraSet::new(),
+            past: CameraSet::new(),
             saved: 0,
             is_restoring: false,
             way: None,
@@ -326,9 +333,9 @@ impl<'m> Estimate<'m> {
         let told = self.told.get(camera).copied().flatten();
         if told.is_some_and(|told| told.status() != Status::Doubtful) && !holds_it {
             // Once there is another stop: a contradiction may show there.
-            self.again |= 1 << camera;
+            self.again.mark(camera);
             if report.joint.is_none() {
-                self.news |= 1 << camera;
+                self.news.mark(camera);
             }
         }
     }
@@ -514,7 +521,7 @@ impl<'m> Estimate<'m> {
                 continue;
             };
             let [_, count] = self.estimator.bearings_of(now);
-            if count < SETTLED && self.past & (1 << camera) == 0 {
+            if count < SETTLED && !has(&self.past, camera) {
                 continue;
             }
             // Also those that will be empty.
@@ -527,7 +534,7 @@ impl<'m> Estimate<'m> {
                 self.saved = self.estimator.bearings();
             }
         }
-        self.past = 0;
+        self.past = CameraSet::new();
     }
 
     /// Some of the work. `None`: there is more. Else its result, if there is one.
@@ -584,7 +591,7 @@ impl<'m> Estimate<'m> {
                     state: CameraState::Doubtful(pose),
                     ..report
                 });
-                self.news |= 1 << n;
+                self.news.mark(n);
             }
         }
     }
@@ -614,7 +621,7 @@ impl<'m> Estimate<'m> {
             now.is_some_and(|now| !found.is_successor || now == camera)
         };
         if let Some(past) = (REFERENCES..self.cameras.len()).find(is_over) {
-            self.past |= 1 << past;
+            self.past.mark(past);
             self.is_new = true;
         }
     }
@@ -675,12 +682,12 @@ impl<'m> Estimate<'m> {
                     continue;
                 }
             }
-            let asks = again & (1 << camera) != 0;
+            let asks = has(&again, camera);
             if let Some(told) = self.told.get_mut(camera)
                 && (asks || told.is_none_or(|told| is_news(&told, &report)))
             {
                 *told = Some(report);
-                self.news |= 1 << camera;
+                self.news.mark(camera);
             }
         }
         if !is_believed {
@@ -743,7 +750,7 @@ impl<'m> Estimate<'m> {
                 votes.agree += 1;
                 continue;
             }
-            votes.against |= 1 << camera;
+            votes.against += 1;
             if votes.worst.is_none_or(|(_, most)| off > most) {
                 votes.worst = Some((camera, off));
             }
@@ -843,7 +850,7 @@ impl<'m> Estimate<'m> {
     pub(super) fn take_news(&mut self) -> impl Iterator<Item = MemberAddress> {
         let news = core::mem::take(&mut self.news);
         let cameras = self.cameras.iter().enumerate();
-        cameras.filter_map(move |(n, camera)| (news & (1 << n) != 0).then_some(camera.address))
+        cameras.filter_map(move |(n, camera)| has(&news, n).then_some(camera.address))
     }
 
     /// Reports for these cameras.
@@ -859,9 +866,9 @@ impl<'m> Estimate<'m> {
         self.estimator.clear();
         self.cameras.clear();
         self.told.fill(None);
-        self.news = 0;
-        self.again = 0;
-        self.past = 0;
+        self.news = CameraSet::new();
+        self.again = CameraSet::new();
+        self.past = CameraSet::new();
         self.way = None;
         self.frame = None;
         self.rejected = None;
