@@ -31,14 +31,7 @@ pub const MEMBERS: usize = set(option_env!("NODE_MEMBERS"), 2..=MEMBERS_MOST, ME
 
 /// Most cameras of a network that take part in the estimate of its target; further ones find their poses from their own
 /// sightings. `NODE_CAMERAS` makes them fewer, or more where the RAM allows.
-pub const ESTIMATED_CAMERAS: usize = {
-    let usual = if cfg!(feature = "long-walks") {
-        MEMBERS_MOST
-    } else {
-        24
-    };
-    set(option_env!("NODE_CAMERAS"), 3..=MEMBERS_MOST, usual)
-};
+pub const ESTIMATED_CAMERAS: usize = set(option_env!("NODE_CAMERAS"), 3..=MEMBERS_MOST, 24);
 
 /// Most cameras that one message lists: more would not fit a frame.
 pub const ROSTER: usize = 32;
