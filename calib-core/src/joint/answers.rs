@@ -217,16 +217,19 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// A slice of the way to covariances. Returns true where none is left: they are there, or there are none.
+    #[inline(never)] // for less flash
     pub(super) fn has_told(&mut self) -> bool {
         self.common.told == Told::Covariances || self.find_covariances() == Poll::Ready(None)
     }
 
     /// Makes covariances ready.
+    #[inline(never)] // for less flash
     pub(super) fn tell(&mut self) -> Result<(), Refusal> {
-        loop {
-            if let Poll::Ready(found) = self.find_covariances() {
-                return found.ok_or(Refusal::Undetermined);
-            }
+        while !self.has_told() {}
+        if self.common.told == Told::Covariances {
+            Ok(())
+        } else {
+            Err(Refusal::Undetermined)
         }
     }
 

@@ -3,8 +3,6 @@
 //! One slice is at most one pass over the measurements, so that a slow processor can do something else in
 //! between.
 
-use core::task::Poll;
-
 use super::{
     Finding, JointError, JointSolution,
     descent::Settling,
@@ -290,11 +288,11 @@ impl<T: Real> Work<T> {
         problem: &mut Problem<'_, T>,
         solution: JointSolution<T>,
     ) -> Result<Progress<T>, JointError> {
-        let Poll::Ready(told) = problem.find_covariances() else {
+        if !problem.has_told() {
             self.stage = Stage::Telling(solution);
             return Ok(Progress::Working);
-        };
-        told.ok_or(JointError::Solve(Refusal::Undetermined))?;
+        }
+        problem.tell().map_err(JointError::Solve)?;
         if problem.is_frame_refused(solution.fit.inflation()) && self.begin_steeper(problem) {
             return Ok(Progress::Working);
         }
