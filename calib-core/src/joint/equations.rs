@@ -33,8 +33,8 @@ const DOMINANT: f64 = 0.99;
 /// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
 const TAIL: usize = 32;
 
-/// Multiplications of a change of variables for each entry of a row.
-const OF_ENTRIES: usize = 24;
+/// Multiplications of a change of variables for each entry of a row, and what takes as long.
+const OF_ENTRIES: usize = 64;
 /// Multiplications for each pair of a camera's sights.
 const OF_PAIR: usize = 16;
 /// Multiplications for each sight, and what takes as long.
@@ -278,31 +278,39 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// The cameras from one on, and the rest in a slice of its own.
+    /// Slices of [`assemble`](Self::assemble), from a step on: the cameras, then legs from the last one.
     fn assemble_from(&mut self, from: usize) -> Option<Told> {
-        let cameras = self.cameras.len();
+        let (cameras, stops) = (self.cameras.len(), self.stops.len());
         self.with_parts(|problem, mut parts| {
+            let kept = problem.layout().kept;
             if from == 0 {
-                let kept = problem.layout().kept;
                 parts.kept.clear();
                 parts.vectors.get_mut(..kept)?.fill(T::zero());
                 problem.common.cost = T::zero();
             }
-            if from >= cameras {
-                problem.common.cost += problem.add_visits(&mut parts)?;
-                problem.common.cost += problem.add_legs(&mut parts)?;
-                return Some(Told::Factoring { row: 0, dropped: 0 });
-            }
             let mut work = 0;
-            for camera in from..cameras {
+            for step in from..cameras + stops {
                 if work > SLICE {
-                    return Some(Told::Assembling(camera));
+                    return Some(Told::Assembling(step));
                 }
-                if problem.is_estimated(camera) {
-                    problem.common.cost += problem.eliminate(camera, &mut parts, &mut work)?;
-                }
+                problem.common.cost += match step.checked_sub(cameras) {
+                    None if problem.is_estimated(step) => {
+                        problem.eliminate(step, &mut parts, &mut work)?
+                    }
+                    None => T::zero(),
+                    Some(0) => problem.add_visits(&mut parts)?,
+                    Some(n) => {
+                        work += OF_ENTRIES * kept;
+                        problem.change_to_leg(stops - n, &mut parts)?
+                    }
+                };
             }
-            Some(Told::Assembling(cameras))
+            for (i, residual, weight) in problem.carrier_priors() {
+                parts.kept.add(i, i, weight * weight);
+                *parts.vectors.get_mut(i)? += residual * weight;
+                problem.common.cost += residual * residual;
+            }
+            Some(Told::Factoring { row: 0, dropped: 0 })
         })
     }
 
@@ -491,36 +499,28 @@ impl<T: Real> Problem<'_, T> {
         STOPS + 2 * (self.stops.len() + mark)
     }
 
-    /// From steps of places to errors of legs, with the information of these and of the priors.
-    fn add_legs(&self, parts: &mut Parts<'_, T>) -> Option<T> {
+    /// From the step of a place to the error of the leg to it, with the information of that; chi squared of it.
+    fn change_to_leg(&self, later: usize, parts: &mut Parts<'_, T>) -> Option<T> {
         let mut cost = T::zero();
-        for later in (1..self.stops.len()).rev() {
-            let way = self.way(later)?;
-            let of = with_before(later);
-            let [.., last] = of;
-            parts
-                .kept
-                .change(last, |entries| way.leave_places(entries))?;
-            let mut entries = [T::zero(); 6];
-            for (entry, i) in entries.iter_mut().zip(of) {
-                *entry = *parts.vectors.get(i)?;
-            }
-            way.leave_places(&mut entries);
-            for (entry, i) in entries.iter().zip(of) {
-                *parts.vectors.get_mut(i)? = *entry;
-            }
-            let rows = self.leg_rows(later);
-            let [.., first, _] = of;
-            for (row, i) in rows.iter().flatten().zip(first..) {
-                parts.kept.add(i, i, T::one());
-                *parts.vectors.get_mut(i)? += row.residual;
-                cost += row.residual * row.residual;
-            }
+        let way = self.way(later)?;
+        let of = with_before(later);
+        let [.., first, last] = of;
+        parts
+            .kept
+            .change(last, |entries| way.leave_places(entries))?;
+        let mut entries = [T::zero(); 6];
+        for (entry, i) in entries.iter_mut().zip(of) {
+            *entry = *parts.vectors.get(i)?;
         }
-        for (i, residual, weight) in self.carrier_priors() {
-            parts.kept.add(i, i, weight * weight);
-            *parts.vectors.get_mut(i)? += residual * weight;
-            cost += residual * residual;
+        way.leave_places(&mut entries);
+        for (entry, i) in entries.iter().zip(of) {
+            *parts.vectors.get_mut(i)? = *entry;
+        }
+        let rows = self.leg_rows(later);
+        for (row, i) in rows.iter().flatten().zip(first..) {
+            parts.kept.add(i, i, T::one());
+            *parts.vectors.get_mut(i)? += row.residual;
+            cost += row.residual * row.residual;
         }
         Some(cost)
     }

@@ -300,7 +300,7 @@ pub(super) enum Told {
     Nothing,
     /// The equations, or less.
     Equations,
-    /// The equations in the making: those of the cameras before this one.
+    /// The equations in the making, and the next step of that.
     Assembling(usize),
     /// The equations, of which the kept part is factored up to a row.
     Factoring {
