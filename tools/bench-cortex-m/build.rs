@@ -15,7 +15,7 @@ const BOARDS: [Board; 2] = [
     Board {
         target: "thumbv7em-none-eabihf",
         flash_end: 0x0010_0000,
-        ram_end: 0x2008_0000,
+        ram_end: 0x2004_0000,
         systick_hz: 25_000_000,
     },
     // BBC micro:bit: nRF51822 product specification, memory map; 16 MHz.

@@ -27,20 +27,36 @@ const LEG_SIGMA: f32 = 0.02;
 /// # Errors
 /// As [`Bench::measure`].
 pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
+    measure_thirteen(bench)?;
+    measure_many(bench)?;
+    measure_most(bench)
+}
+
+// Each for itself: there is no room on the stack for the arrays of all.
+#[inline(never)]
+fn measure_thirteen<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
     let mut arrays = Thirteen::<f32>::new();
-    let mut thirteen = walked(arrays.memory(), 4);
+    let mut joint = walked(arrays.memory(), 4);
     bench.measure_steps("joint_13_cameras_32_stops_52_bearings", || {
-        goes_on(thirteen.step())
-    })?;
+        goes_on(joint.step())
+    })
+}
+
+#[inline(never)]
+fn measure_many<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
     let mut arrays = Many::new();
-    let mut many = walked(arrays.memory(), 10);
+    let mut joint = walked(arrays.memory(), 10);
     bench.measure_steps("joint_24_cameras_64_stops_240_bearings", || {
-        goes_on(many.step())
-    })?;
+        goes_on(joint.step())
+    })
+}
+
+#[inline(never)]
+fn measure_most<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
     let mut arrays = Most::new();
-    let mut most = walked_with(arrays.memory(), 4, lenses());
+    let mut joint = walked_with(arrays.memory(), 4, lenses());
     bench.measure_steps("joint_98_cameras_100_stops_392_bearings", || {
-        goes_on(most.step())
+        goes_on(joint.step())
     })
 }
 

@@ -18,7 +18,7 @@ pub const INPUTS: usize = 65;
 pub const REPEATS: u32 = 500;
 
 /// Steps of a routine that is counted step by step, at most.
-const STEPS: usize = 4000;
+const STEPS: usize = 2000;
 
 /// Every routine starts from this seed: those that draw the same kind of input get the same ones.
 const SEED: u64 = 2014;
