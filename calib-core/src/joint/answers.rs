@@ -219,7 +219,15 @@ impl<T: Real> Problem<'_, T> {
     /// A slice of the way to covariances. Returns true where none is left: they are there, or there are none.
     #[inline(never)] // for less flash
     pub(super) fn has_told(&mut self) -> bool {
-        self.common.told == Told::Covariances || self.find_covariances() == Poll::Ready(None)
+        loop {
+            if self.common.told == Told::Covariances || self.find_covariances() == Poll::Ready(None)
+            {
+                return true;
+            }
+            if !self.is_small() {
+                return false;
+            }
+        }
     }
 
     /// Makes covariances ready.

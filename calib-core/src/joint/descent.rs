@@ -123,26 +123,10 @@ impl<T: Real> Problem<'_, T> {
                     return self.end_round(settling);
                 }
                 settling.doing = Doing::Descending(Descent::new());
-                self.step_settling_down(settling)
+                self.step_settling_down(settling, limits)
             }
-            Doing::Descending(_) => self.step_settling_down(settling),
-            Doing::Evicting => {
-                // If there are none, no camera has a pose.
-                if !self.has_told() {
-                    return None;
-                }
-                let factor = lit(HYSTERESIS);
-                let evicted = self.evict(&Limits {
-                    position: limits.position * factor,
-                    heading: limits.heading * factor,
-                });
-                settling.changed |= evicted > 0;
-                if evicted > 0 || is_last {
-                    return self.end_round(settling);
-                }
-                settling.doing = Doing::Readmitting(0);
-                None
-            }
+            Doing::Descending(_) => self.step_settling_down(settling, limits),
+            Doing::Evicting => self.step_evicting(settling, limits),
             Doing::Readmitting(from) => {
                 let Some(measurement) = self.next_excluded(from) else {
                     return self.end_round(settling);
@@ -157,6 +141,7 @@ impl<T: Real> Problem<'_, T> {
     fn step_settling_down(
         &mut self,
         settling: &mut Settling<T>,
+        limits: &Limits<T>,
     ) -> Option<Result<JointSolution<T>, Refusal>> {
         let Doing::Descending(descent) = &mut settling.doing else {
             return None;
@@ -167,6 +152,9 @@ impl<T: Real> Problem<'_, T> {
             Ok(cost) => {
                 settling.chi_squared = Some(cost);
                 settling.doing = Doing::Evicting;
+                if self.is_small() {
+                    return self.step_evicting(settling, limits);
+                }
                 None
             }
             // Among the cameras that came last the one that fits worst is to blame.
@@ -176,6 +164,28 @@ impl<T: Real> Problem<'_, T> {
             }
             Err(why) => Some(Err(why)),
         }
+    }
+
+    fn step_evicting(
+        &mut self,
+        settling: &mut Settling<T>,
+        limits: &Limits<T>,
+    ) -> Option<Result<JointSolution<T>, Refusal>> {
+        // If there are none, no camera has a pose.
+        if !self.has_told() {
+            return None;
+        }
+        let factor = lit(HYSTERESIS);
+        let evicted = self.evict(&Limits {
+            position: limits.position * factor,
+            heading: limits.heading * factor,
+        });
+        settling.changed |= evicted > 0;
+        if evicted > 0 || settling.round + 1 >= ROUNDS {
+            return self.end_round(settling);
+        }
+        settling.doing = Doing::Readmitting(0);
+        None
     }
 
     fn end_round(
@@ -262,56 +272,60 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn descend(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
         let failed = Some(Err(Refusal::DidNotConverge));
         let slack = |cost: T| cost * lit(ROUNDING) + lit(ROUNDING);
-        // An answer that was asked for meanwhile has used the workspace.
-        if let Some((cost, fell)) = descent.begun.filter(|_| self.is_factoring()) {
-            let Poll::Ready(worth) = self.find_step() else {
-                return None;
-            };
-            descent.begun = None;
-            let Some(worth) = worth else {
-                return failed;
-            };
-            let within = |sigmas: f64| worth <= lit::<T>(sigmas) * lit(sigmas);
-            // Where rounding lets nothing fall any more, being close is being there.
-            let flat = fell.is_some_and(|fell| fell.abs() <= slack(cost));
-            let stalled = flat && descent.stalled && within(STALLED_SIGMAS);
-            let done = within(CONVERGED_SIGMAS) || stalled;
-            descent.stalled = flat;
-            self.go(T::one());
-            if done {
-                return Some(Ok(cost - worth));
+        loop {
+            // An answer that was asked for meanwhile has used the workspace.
+            if let Some((cost, fell)) = descent.begun.filter(|_| self.is_factoring()) {
+                let Poll::Ready(worth) = self.find_step() else {
+                    return None;
+                };
+                descent.begun = None;
+                let Some(worth) = worth else {
+                    return failed;
+                };
+                let within = |sigmas: f64| worth <= lit::<T>(sigmas) * lit(sigmas);
+                // Where rounding lets nothing fall any more, being close is being there.
+                let flat = fell.is_some_and(|fell| fell.abs() <= slack(cost));
+                let stalled = flat && descent.stalled && within(STALLED_SIGMAS);
+                let done = within(CONVERGED_SIGMAS) || stalled;
+                descent.stalled = flat;
+                self.go(T::one());
+                if done {
+                    return Some(Ok(cost - worth));
+                }
+                break;
             }
-        } else {
             let Poll::Ready(cost) = self.assemble() else {
                 return None;
             };
             let Some(cost) = cost else {
                 return failed;
             };
-            if descent.begun.is_some() {
-                return None;
-            }
-            descent.passes += 1;
-            let downhill = match descent.best {
-                Some(best) => cost <= best + slack(best),
-                None => cost.is_finite(),
-            };
-            if downhill {
+            if descent.begun.is_none() {
+                descent.passes += 1;
+                let downhill = match descent.best {
+                    Some(best) => cost <= best + slack(best),
+                    None => cost.is_finite(),
+                };
+                if !downhill {
+                    if descent.best.is_none() {
+                        return failed;
+                    }
+                    descent.halvings += 1;
+                    if descent.halvings <= HALVINGS {
+                        // Half of the way back; the step that is kept is the other half.
+                        self.shorten();
+                        self.go(-T::one());
+                    }
+                    self.common.told = Told::Equations;
+                    break;
+                }
                 descent.begun = Some((cost, descent.best.map(|best| best - cost)));
                 descent.best = Some(cost);
                 descent.halvings = 0;
+            }
+            if !self.is_small() {
                 return None;
             }
-            if descent.best.is_none() {
-                return failed;
-            }
-            descent.halvings += 1;
-            if descent.halvings <= HALVINGS {
-                // Half of the way back; the step that is kept is the other half.
-                self.shorten();
-                self.go(-T::one());
-            }
-            self.common.told = Told::Equations;
         }
         if descent.passes < PASS_LIMIT && descent.halvings <= HALVINGS {
             return None;

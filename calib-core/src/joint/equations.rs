@@ -265,7 +265,7 @@ impl<T: Real> Problem<'_, T> {
         self.common.told = Told::Equations;
         let next = if self.common.is_whole() {
             self.assemble_whole().map(|cost| {
-                self.common.cost = cost;
+                self.common.cost = [cost, T::zero()];
                 Told::Factoring { row: 0, dropped: 0 }
             })
         } else {
@@ -274,7 +274,10 @@ impl<T: Real> Problem<'_, T> {
         self.common.told = next.unwrap_or(Told::Equations);
         match next {
             Some(Told::Assembling(_)) => Poll::Pending,
-            found => Poll::Ready(found.map(|_| self.common.cost)),
+            found => {
+                let [cost, of_carrier] = self.common.cost;
+                Poll::Ready(found.map(|_| cost + of_carrier))
+            }
         }
     }
 
@@ -286,29 +289,32 @@ impl<T: Real> Problem<'_, T> {
             if from == 0 {
                 parts.kept.clear();
                 parts.vectors.get_mut(..kept)?.fill(T::zero());
-                problem.common.cost = T::zero();
+                problem.common.cost = [T::zero(); 2];
             }
             let mut work = 0;
             for step in from..cameras + stops {
                 if work > SLICE {
                     return Some(Told::Assembling(step));
                 }
-                problem.common.cost += match step.checked_sub(cameras) {
+                let [mut cost, mut of_carrier] = problem.common.cost;
+                match step.checked_sub(cameras) {
                     None if problem.is_estimated(step) => {
-                        problem.eliminate(step, &mut parts, &mut work)?
+                        cost += problem.eliminate(step, &mut parts, &mut work)?;
                     }
-                    None => T::zero(),
-                    Some(0) => problem.add_visits(&mut parts)?,
+                    None => {}
+                    Some(0) => cost += problem.add_visits(&mut parts)?,
                     Some(n) => {
                         work += OF_ENTRIES * kept;
-                        problem.change_to_leg(stops - n, &mut parts)?
+                        problem.change_to_leg(stops - n, &mut parts, &mut of_carrier)?;
                     }
-                };
+                }
+                problem.common.cost = [cost, of_carrier];
             }
             for (i, residual, weight) in problem.carrier_priors() {
                 parts.kept.add(i, i, weight * weight);
                 *parts.vectors.get_mut(i)? += residual * weight;
-                problem.common.cost += residual * residual;
+                let [_, of_carrier] = &mut problem.common.cost;
+                *of_carrier += residual * residual;
             }
             Some(Told::Factoring { row: 0, dropped: 0 })
         })
@@ -499,9 +505,8 @@ impl<T: Real> Problem<'_, T> {
         STOPS + 2 * (self.stops.len() + mark)
     }
 
-    /// From the step of a place to the error of the leg to it, with the information of that; chi squared of it.
-    fn change_to_leg(&self, later: usize, parts: &mut Parts<'_, T>) -> Option<T> {
-        let mut cost = T::zero();
+    /// From the step of a place to the error of the leg to it, with the information of that, and of chi squared.
+    fn change_to_leg(&self, later: usize, parts: &mut Parts<'_, T>, cost: &mut T) -> Option<()> {
         let way = self.way(later)?;
         let of = with_before(later);
         let [.., first, last] = of;
@@ -520,9 +525,9 @@ impl<T: Real> Problem<'_, T> {
         for (row, i) in rows.iter().flatten().zip(first..) {
             parts.kept.add(i, i, T::one());
             *parts.vectors.get_mut(i)? += row.residual;
-            cost += row.residual * row.residual;
+            *cost += row.residual * row.residual;
         }
-        Some(cost)
+        Some(())
     }
 
     /// Way of the leg to a stop; where nothing was measured, the step itself.
@@ -598,6 +603,12 @@ impl<T: Real> Problem<'_, T> {
             self.common.told = Told::Factor;
         }
         Poll::Ready(worth)
+    }
+
+    /// Returns true where a pass, and covariances, are one slice each: to pause between would only delay the answer.
+    pub(super) fn is_small(&self) -> bool {
+        let kept = self.layout().kept;
+        2 * kept * packed(kept) <= SLICE
     }
 
     /// Returns true while the [step](Self::find_step) is in the making.

@@ -183,7 +183,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
                 told: Told::Nothing,
-                cost: T::zero(),
+                cost: [T::zero(); 2],
                 undetermined: None,
                 is_carrier_undetermined: false,
                 is_started: false,

@@ -190,8 +190,14 @@ impl<T: Real> Problem<'_, T> {
         };
         let is_suspect = |camera: &usize| self.cameras.get(*camera).is_some_and(|c| c.is_new);
         let Some(camera) = (tail..self.cameras.len()).find(is_suspect) else {
-            let is_verified = self.verify(survey).is_ready();
-            return is_verified.then_some(Ok(()));
+            loop {
+                if self.verify(survey).is_ready() {
+                    return Some(Ok(()));
+                }
+                if !self.is_small() {
+                    return None;
+                }
+            }
         };
         survey.tail = Some(camera + 1);
         let surveyed = self.survey_tails(survey, camera);

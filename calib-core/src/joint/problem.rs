@@ -234,8 +234,8 @@ pub(super) struct Common<T: Real> {
     pub leg_factor: T,
     /// Stage that the last pass has reached.
     pub told: Told,
-    /// Chi squared of the equations, as far as they are there.
-    pub cost: T,
+    /// Chi squared of the equations, as far as they are there: of cameras and marks, and of the carrier.
+    pub cost: [T; 2],
     /// The first unknown that it did not determine.
     pub undetermined: Option<Undetermined>,
     pub is_carrier_undetermined: bool,
