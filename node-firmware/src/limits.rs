@@ -3,8 +3,8 @@
 //! A number of only one format stands with it: bytes of a configuration page, of a fact, of a frame of the
 //! console.
 //!
-//! Tables of members, cameras and stops are as long as the largest network needs. For a smaller one the environment
-//! variables `NODE_MEMBERS`, `NODE_CAMERAS` and `NODE_STOPS` make them shorter when the firmware is built. Pages,
+//! Tables of members, cameras and stops have usual sizes. The environment variables `NODE_MEMBERS`, `NODE_CAMERAS` and
+//! `NODE_STOPS` make them shorter when the firmware is built, for a small network, or longer where the RAM allows. Pages,
 //! messages and memory have the same format at all sizes.
 
 use core::ops::RangeInclusive;

@@ -35,7 +35,7 @@ const ROUNDS: u8 = 16;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Descent<T> {
     best: Option<T>,
-    /// Of the pass under way: chi squared, and by how much it fell.
+    /// Of the pass whose step is being found: chi squared, and by how much it fell.
     begun: Option<(T, Option<T>)>,
     passes: u8,
     halvings: u8,
@@ -273,8 +273,7 @@ impl<T: Real> Problem<'_, T> {
         let failed = Some(Err(Refusal::DidNotConverge));
         let slack = |cost: T| cost * lit(ROUNDING) + lit(ROUNDING);
         loop {
-            // An answer that was asked for meanwhile has used the workspace.
-            if let Some((cost, fell)) = descent.begun.filter(|_| self.is_factoring()) {
+            if let Some((cost, fell)) = descent.begun {
                 let Poll::Ready(worth) = self.find_step() else {
                     return None;
                 };
@@ -300,29 +299,27 @@ impl<T: Real> Problem<'_, T> {
             let Some(cost) = cost else {
                 return failed;
             };
-            if descent.begun.is_none() {
-                descent.passes += 1;
-                let downhill = match descent.best {
-                    Some(best) => cost <= best + slack(best),
-                    None => cost.is_finite(),
-                };
-                if !downhill {
-                    if descent.best.is_none() {
-                        return failed;
-                    }
-                    descent.halvings += 1;
-                    if descent.halvings <= HALVINGS {
-                        // Half of the way back; the step that is kept is the other half.
-                        self.shorten();
-                        self.go(-T::one());
-                    }
-                    self.common.told = Told::Equations;
-                    break;
+            descent.passes += 1;
+            let downhill = match descent.best {
+                Some(best) => cost <= best + slack(best),
+                None => cost.is_finite(),
+            };
+            if !downhill {
+                if descent.best.is_none() {
+                    return failed;
                 }
-                descent.begun = Some((cost, descent.best.map(|best| best - cost)));
-                descent.best = Some(cost);
-                descent.halvings = 0;
+                descent.halvings += 1;
+                if descent.halvings <= HALVINGS {
+                    // Half of the way back; the step that is kept is the other half.
+                    self.shorten();
+                    self.go(-T::one());
+                }
+                self.common.told = Told::Equations;
+                break;
             }
+            descent.begun = Some((cost, descent.best.map(|best| best - cost)));
+            descent.best = Some(cost);
+            descent.halvings = 0;
             if !self.is_small() {
                 return None;
             }

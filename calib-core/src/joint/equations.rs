@@ -259,10 +259,9 @@ impl<T: Real> Problem<'_, T> {
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Poll<Option<T>> {
         let from = match self.common.told {
-            Told::Assembling(camera) => camera,
+            Told::Assembling(step) => step,
             _ => 0,
         };
-        self.common.told = Told::Equations;
         let next = if self.common.is_whole() {
             self.assemble_whole().map(|cost| {
                 self.common.cost = [cost, T::zero()];
@@ -596,7 +595,7 @@ impl<T: Real> Problem<'_, T> {
             }
             Some(worth)
         });
-        if self.is_factoring() {
+        if matches!(self.common.told, Told::Factoring { .. }) {
             return Poll::Pending;
         }
         if worth.is_some() {
@@ -609,11 +608,6 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn is_small(&self) -> bool {
         let kept = self.layout().kept;
         2 * kept * packed(kept) <= SLICE
-    }
-
-    /// Returns true while the [step](Self::find_step) is in the making.
-    pub(super) const fn is_factoring(&self) -> bool {
-        matches!(self.common.told, Told::Factoring { .. })
     }
 
     /// Steps of everything, kept with it, from those of the kept unknowns in vector `vector`, which get those of

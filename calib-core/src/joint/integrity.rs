@@ -415,20 +415,16 @@ impl<T: Real> Problem<'_, T> {
     /// A slice of the way to the least chi squared, as far as the model is linear. `cost` is that of the present
     /// estimates once it is known.
     fn find_least(&mut self, cost: &mut Option<T>) -> Poll<Option<T>> {
-        match cost.filter(|_| self.is_factoring()) {
-            Some(cost) => self.find_step().map(|worth| Some(cost - worth?)),
-            None => match self.assemble() {
-                Poll::Ready(None) => Poll::Ready(None),
-                found => {
-                    *cost = if let Poll::Ready(found) = found {
-                        found
-                    } else {
-                        None
-                    };
-                    Poll::Pending
-                }
-            },
+        if let Some(cost) = *cost {
+            return self.find_step().map(|worth| Some(cost - worth?));
         }
+        if let Poll::Ready(found) = self.assemble() {
+            *cost = found;
+            if found.is_none() {
+                return Poll::Ready(None);
+            }
+        }
+        Poll::Pending
     }
 
     /// Leaves out a finding. A camera whose last bearings are all off is no longer as it was, or the

@@ -62,7 +62,8 @@
 //!
 //! # In slices
 //! [`begin`](JointEstimator::begin) begins a [`Round`], and each call of [`step`](JointEstimator::step) does
-//! at most one pass of it, or a camera's tests, so that a slow processor can do something else in between.
+//! at most one pass of it, a part of a pass where the walk is long, or a camera's tests, so that a slow processor can do
+//! something else in between.
 //! [`solve`](JointEstimator::solve) and the others are rounds at one stretch. Measurements that come during a
 //! round count from the next one on. Once it is over, poses, headings, the carrier and the last place are
 //! told without another pass.

@@ -317,16 +317,6 @@ pub(super) enum Told {
     Covariances,
 }
 
-impl Told {
-    /// Returns false in the middle of a pass, which cannot go on once anything has changed.
-    pub(super) const fn is_complete(self) -> bool {
-        !matches!(
-            self,
-            Self::Assembling(_) | Self::Factoring { .. } | Self::Inverting(_)
-        )
-    }
-}
-
 /// A camera of which the last bearings are off: it was moved, or the way there was not as measured. Both are
 /// tried.
 #[derive(Clone, Copy, Debug)]

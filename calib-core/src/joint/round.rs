@@ -93,8 +93,11 @@ impl<T: Real> Work<T> {
 
     /// Begins a round with a solve, and with a start if there has been none.
     pub(super) fn begin(&mut self, problem: &mut Problem<'_, T>, round: Round) {
-        self.ask(problem, round);
+        self.ask(round);
         problem.common.suspect = None;
+        // A pass that was given up is not gone on with.
+        problem.common.told = Told::Equations;
+        problem.common.left_out = None;
         self.stage = if problem.common.is_started {
             Stage::Settling(problem.begin_settling())
         } else {
@@ -105,15 +108,11 @@ impl<T: Real> Work<T> {
 
     /// The same without solving first.
     pub(super) fn begin_solved(&mut self, problem: &mut Problem<'_, T>, round: Round) {
-        self.ask(problem, round);
+        self.ask(round);
         self.stage = Stage::Surveying(problem.begin_survey(round.protection));
     }
 
-    fn ask(&mut self, problem: &mut Problem<'_, T>, round: Round) {
-        problem.common.left_out = None;
-        if !problem.common.told.is_complete() {
-            problem.common.told = Told::Equations;
-        }
+    fn ask(&mut self, round: Round) {
         self.round = round;
         self.found = None;
         self.leg_noise_rounds = if round.leg_noise { LEG_NOISE_ROUNDS } else { 0 };

@@ -264,8 +264,8 @@ pub(crate) fn run(
             soc.uarte.model.transferred,
         ],
         clock_on: [
-            soc.timer.model.clocked_until(end),
-            soc.clock.model.asked_until(end),
+            soc.timer.model.clocked.until(end),
+            soc.clock.model.asked.until(end),
         ],
         floats: { soc.uarte.model.left() }.is_some_and(|pin| !soc.gpio.model.drives(pin)),
         powered: end,

@@ -297,8 +297,8 @@ impl Mcu for Soc {
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         self.radio.model.count(at.0);
         self.uarte.model.switch_off(at.0);
-        self.timer.model.shut_down(at.0);
-        self.clock.model.release(at.0);
+        self.timer.model.clocked.stop(at.0);
+        self.clock.model.asked.stop(at.0);
         let deadline = self.watchdog.model.deadline;
         let keep = |slot: usize, offset| {
             let file = self.bus.slots()[slot].registers();

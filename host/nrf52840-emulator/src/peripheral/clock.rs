@@ -2,7 +2,7 @@
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, US, radio, rtc};
+use super::{Call, DONE, Model, US, radio, rtc, stopwatch::Stopwatch};
 
 /// Product Specification, "HFXO": the crystal of 32 MHz starts within this time.
 const HFXO_START: u64 = 360 * US;
@@ -54,24 +54,11 @@ pub struct Clock {
     pub lfxo_from: u64,
     /// The USB plug gives power, from power-on.
     is_plugged: bool,
-    /// Time for which the high-frequency crystal was asked for, and since when it is.
-    asked: u64,
-    asked_since: Option<u64>,
+    /// Time for which the high-frequency crystal is asked for.
+    pub(crate) asked: Stopwatch,
 }
 
 impl Clock {
-    /// Time for which the high-frequency crystal was asked for until now, nanoseconds.
-    pub fn asked_until(&self, now: u64) -> u64 {
-        let since = self.asked_since.unwrap_or(now);
-        self.asked + now.saturating_sub(since)
-    }
-
-    /// Ends that.
-    pub(crate) fn release(&mut self, now: u64) {
-        self.asked = self.asked_until(now);
-        self.asked_since = None;
-    }
-
     /// With power from a USB plug, or without.
     pub(crate) fn new(is_plugged: bool) -> Self {
         Self {
@@ -99,14 +86,14 @@ impl Model for Clock {
         match number {
             0 => {
                 call.set(HFCLKRUN, 1);
-                self.asked_since.get_or_insert(call.now());
+                self.asked.start(call.now());
                 if call.now() >= self.hfxo_from {
                     self.high = Some(call.after(HFXO_START));
                 }
             }
             1 => {
                 self.high = None;
-                self.release(call.now());
+                self.asked.stop(call.now());
                 call.set(HFCLKRUN, 0);
                 // The internal oscillator goes on.
                 call.set(HFCLKSTAT, RUNNING);
@@ -201,7 +188,7 @@ mod tests {
         assert_eq!((bench.took(0), bench.get(HFCLKSTAT)), (false, 0));
         bench.pass(1);
         assert_eq!((bench.took(0), bench.get(HFCLKSTAT)), (true, RUNNING | 1));
-        assert_eq!(bench.chip.model.model.asked_until(bench.now), HFXO_START);
+        assert_eq!(bench.chip.model.model.asked.until(bench.now), HFXO_START);
         bench.set(LFCLKSRC, 1);
         bench.task(2);
         bench.pass(LFRC_START - 1);
@@ -220,7 +207,7 @@ mod tests {
         let asked = bench.now;
         bench.task(1);
         bench.pass(5);
-        assert_eq!(bench.chip.model.model.asked_until(bench.now), asked);
+        assert_eq!(bench.chip.model.model.asked.until(bench.now), asked);
     }
 
     #[test]

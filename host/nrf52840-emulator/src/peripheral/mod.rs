@@ -13,6 +13,7 @@ mod ppi;
 pub(crate) mod radio;
 mod rng;
 pub(crate) mod rtc;
+mod stopwatch;
 mod temp;
 pub(crate) mod timer;
 pub(crate) mod twim;

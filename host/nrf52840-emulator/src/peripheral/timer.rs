@@ -2,7 +2,7 @@
 
 use rigless::time::EventId;
 
-use super::{Call, INTEN, INTENCLR, INTENSET, Model, SHORTS};
+use super::{Call, INTEN, INTENCLR, INTENSET, Model, SHORTS, stopwatch::Stopwatch};
 
 const MODE: u16 = 0x504;
 const BITMODE: u16 = 0x508;
@@ -23,26 +23,12 @@ pub struct Timer {
     /// Time since which it runs as a timer.
     since: Option<u64>,
     is_running: bool,
-    /// Time for which it needed its clock, and since when it does: a counter does, too. STOP alone does not end that
-    /// (Errata, 78).
-    clocked: u64,
-    clocked_since: Option<u64>,
+    /// Time for which it needs its clock: a counter does, too. STOP alone does not end that (Errata, 78).
+    pub(crate) clocked: Stopwatch,
     next: Option<EventId>,
 }
 
 impl Timer {
-    /// Time for which it needed its clock until now, nanoseconds.
-    pub fn clocked_until(&self, now: u64) -> u64 {
-        let since = self.clocked_since.unwrap_or(now);
-        self.clocked + now.saturating_sub(since)
-    }
-
-    /// Ends its need of a clock.
-    pub(crate) fn shut_down(&mut self, now: u64) {
-        self.clocked = self.clocked_until(now);
-        self.clocked_since = None;
-    }
-
     fn mask(call: &Call<'_, '_>) -> u64 {
         match call.get(BITMODE) & 3 {
             0 => 0xffff,
@@ -109,13 +95,13 @@ impl Model for Timer {
             0 if self.is_running => {}
             0 => {
                 self.is_running = true;
-                self.clocked_since.get_or_insert(call.now());
+                self.clocked.start(call.now());
                 self.since = is_timer.then(|| call.now());
             }
             1 => self.stop(call),
             4 => {
                 self.stop(call);
-                self.shut_down(call.now());
+                self.clocked.stop(call.now());
             }
             2 if is_timer => {
                 call.forbid(
@@ -178,7 +164,6 @@ impl Model for Timer {
     fn reset(&mut self) {
         *self = Self {
             clocked: self.clocked,
-            clocked_since: self.clocked_since,
             ..Self::default()
         };
     }
@@ -221,7 +206,7 @@ mod tests {
             bench.set(0x010, 1);
             bench.pass(50);
             let timer = &bench.chip.model.model;
-            assert_eq!(timer.clocked_until(bench.now), expected);
+            assert_eq!(timer.clocked.until(bench.now), expected);
         }
         assert_eq!(bench.forbidden(), [""; 0]);
     }
