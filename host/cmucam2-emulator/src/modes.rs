@@ -50,8 +50,8 @@ pub(super) fn servo_position(position: u8) -> u8 {
 /// Settings of the camera.
 #[derive(Clone, Debug)]
 pub(super) struct Modes {
-    /// The last arguments of each command.
-    told: BTreeMap<[u8; 2], Vec<u8>>,
+    /// The last arguments of each command, by its letters as one number: they are looked up for every byte that comes.
+    told: BTreeMap<u16, Vec<u8>>,
     pub(super) sensor: Sensor,
     registers: [u8; REGISTER_COUNT],
     /// Line modes of tracking, of statistics and of frame differencing.
@@ -66,7 +66,7 @@ pub(super) struct Modes {
 impl Modes {
     /// After a reset of a camera with this sensor.
     pub(super) fn new(sensor: Sensor) -> Self {
-        let reset = |&(letters, _, reset): &Row| (*letters, reset.to_vec());
+        let reset = |&(letters, _, reset): &Row| (u16::from_be_bytes(*letters), reset.to_vec());
         let mut modes = Self {
             told: COMMANDS.iter().map(reset).collect(),
             sensor,
@@ -84,17 +84,21 @@ impl Modes {
 
     /// Sets what a command sets.
     pub(super) fn tell(&mut self, command: &Command) {
-        self.told.insert(command.letters, command.arguments.clone());
+        self.told.insert(
+            u16::from_be_bytes(command.letters),
+            command.arguments.clone(),
+        );
     }
 
     /// The whole frame again.
     pub(super) fn open_window(&mut self) {
-        self.told.remove(b"VW");
+        self.told.remove(&u16::from_be_bytes(*b"VW"));
     }
 
     /// The arguments that the command of these letters has set.
     pub(super) fn told(&self, letters: &[u8; 2]) -> &[u8] {
-        self.told.get(letters).map_or(&[], Vec::as_slice)
+        let told = self.told.get(&u16::from_be_bytes(*letters));
+        told.map_or(&[], Vec::as_slice)
     }
 
     /// The same of a command with one argument.
