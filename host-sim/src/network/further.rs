@@ -15,8 +15,8 @@ pub(super) struct Further {
     most: usize,
     made: usize,
     orders: BTreeMap<u16, Rc<Orders>>,
-    /// Knowledge before the last stops to which targets were led.
-    before: Option<Vec<Known>>,
+    /// Best knowledge of each camera so far, before the last stops to which targets were led.
+    best: Option<Vec<Known>>,
     /// So many times in turn, that was in vain.
     in_vain: usize,
     end: Option<FurtherEnd>,
@@ -55,12 +55,25 @@ fn known(record: &RunRecord) -> Vec<Known> {
     cameras.collect()
 }
 
-/// Returns true if some camera is better known than before.
-fn is_better(before: &[Known], now: &[Known]) -> bool {
-    now.iter().zip(before).any(|((_, is, of), (_, was, had))| {
+/// Returns true if some camera is better known than it ever was.
+fn is_better(best: &[Known], now: &[Known]) -> bool {
+    now.iter().zip(best).any(|((_, is, of), (_, was, had))| {
         let gains = { of.iter().zip(had) }.any(|(of, had)| *of < (1.0 - LEAST_GAIN) * had);
         gains || { is.iter().zip(was) }.any(|(is, was)| *is && !was)
     })
+}
+
+/// The best of both.
+fn best_of(best: Vec<Known>, now: Vec<Known>) -> Vec<Known> {
+    let both = best.into_iter().zip(now);
+    let best = both.map(|((id, was, had), (_, is, of))| {
+        (
+            id,
+            [0, 1].map(|n| is[n] || was[n]),
+            [0, 1].map(|n| f64::min(had[n], of[n])),
+        )
+    });
+    best.collect()
 }
 
 impl Further {
@@ -70,7 +83,7 @@ impl Further {
             most,
             made: 0,
             orders: BTreeMap::new(),
-            before: None,
+            best: None,
             in_vain: 0,
             end: None,
         }
@@ -106,8 +119,8 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     }
     let record = outcome::record(simulation, 0.0, true);
     let now = known(&record);
-    let before = simulation.further.before.as_ref();
-    let is_in_vain = before.is_some_and(|before| !is_better(before, &now));
+    let best = simulation.further.best.as_ref();
+    let is_in_vain = best.is_some_and(|best| !is_better(best, &now));
     let in_vain = if is_in_vain {
         simulation.further.in_vain + 1
     } else {
@@ -118,7 +131,10 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
         simulation.further.end = Some(FurtherEnd::InVain);
         return None;
     }
-    simulation.further.before = Some(now);
+    simulation.further.best = Some(match simulation.further.best.take() {
+        Some(best) => best_of(best, now),
+        None => now,
+    });
     let verdict = Verdict::of(&record);
     let is_calibrated = |id: &u16| record.cameras().any(|c| c.id == *id && c.is_calibrated());
     let mut longest = None;

@@ -49,7 +49,7 @@ fn a_pose_of_three_sightings_is_not_checked_until_the_target_stops_again_before_
             [(
                 11,
                 Trouble::Unchecked {
-                    weakness: Some(Weakness::Sightings { camera: 11 }),
+                    weakness: Some(Weakness::TooFew),
                     ..
                 }
             )]

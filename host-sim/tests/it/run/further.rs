@@ -5,7 +5,7 @@ use results::{
     network,
     record::{
         RunRecord,
-        verdict::{Common, Gained, Trouble, Verdict, Weakness},
+        verdict::{Common, Gain, Gained, Trouble, Verdict, Weakness},
     },
 };
 use site::{Overrides, Scenario};
@@ -57,7 +57,13 @@ const TWO_PLACES: &str = r#"
 
 /// Runs a site with so many further stops at most; returns how many were made.
 fn walked(site: &str, further_stops: usize) -> (RunRecord, usize) {
-    let scenario = Scenario::from_toml(site, &Overrides::default()).unwrap();
+    walked_from(
+        Scenario::from_toml(site, &Overrides::default()).unwrap(),
+        further_stops,
+    )
+}
+
+fn walked_from(scenario: Scenario, further_stops: usize) -> (RunRecord, usize) {
     let options = Options {
         further_stops,
         ..Options::default()
@@ -205,7 +211,7 @@ fn a_stop_improves_what_was_foretold() {
     let room = format!("name = \"room\"{room}");
     let (before, _) = walked(&room, 0);
     let verdict = Verdict::of(&before);
-    let [asked] = verdict.next_stops.as_slice() else {
+    let [asked, ..] = verdict.next_stops.as_slice() else {
         panic!("{verdict}");
     };
     let gain = asked.helps.expect("a foretold gain");
@@ -214,9 +220,25 @@ fn a_stop_improves_what_was_foretold() {
         "{verdict}"
     );
     let (after, made) = walked(&room, 1);
+    assert_eq!(made, 1);
+    assert_foretold(gain, &after, &verdict);
+    // The network of the thesis: from 13 units to a tenth of that.
+    let told = walked_from(
+        Scenario::load("thesis-13", &Overrides::default()).unwrap(),
+        0,
+    )
+    .0;
+    let verdict = Verdict::of(&told);
+    let gain = verdict.next_stops[0].helps.expect("a foretold gain");
+    assert!(gain.to < 0.2 * gain.from, "{verdict}");
+    let thesis = Scenario::load("thesis-13", &Overrides::default()).unwrap();
+    assert_foretold(gain, &walked_from(thesis, 1).0, &verdict);
+}
+
+/// The protection level of the camera that a stop is for is about what was foretold.
+fn assert_foretold(gain: Gain, after: &RunRecord, verdict: &Verdict) {
     let camera = after.cameras().find(|camera| camera.id == gain.camera);
     let level = camera.unwrap().protection.unwrap().position;
-    assert_eq!(made, 1);
     assert!((level / gain.to - 1.0).abs() < 0.1, "{level}, {verdict}");
 }
 

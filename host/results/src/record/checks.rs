@@ -69,9 +69,8 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
         .filter_map(|(&(index, id), level)| {
             // Too few sightings leave open as much as a leg does, and are sooner mended.
             let has_few = walk.cameras[index].used <= UNKNOWNS;
-            let own = Weakness::Sightings { camera: id };
             let weakness = if has_few {
-                own
+                Weakness::TooFew
             } else {
                 walk.weakness(level.by?)?
             };
@@ -173,9 +172,14 @@ pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak:
         helps: stop.helps.filter(Gain::is_enough),
         ..stop
     }));
+    let mut instead = more.instead;
+    if kept.is_empty() && instead.is_empty() {
+        let left: Vec<usize> = left.iter().filter_map(|camera| index(&camera.id)).collect();
+        instead = walk.instead(&left);
+    }
     Weak {
         stops: kept,
-        instead: more.instead,
+        instead,
     }
 }
 
@@ -696,7 +700,8 @@ fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) 
                 legs[stop] = Some(Matrix2::new(xx, xy, xy, yy) + least);
             }
         }
-        if let Some(carrier) = measured.carriers.iter().find(|c| c.target == target.id) {
+        let carrier = measured.carriers.iter().find(|c| c.target == target.id);
+        if let Some(carrier) = carrier {
             steps.scale = carrier.systematic_scale;
             steps.compass = carrier.systematic_heading_deg.to_radians();
         }
@@ -707,7 +712,7 @@ fn survey(record: &RunRecord, network: u16, target: &Target, cameras: &[&Node]) 
             looks: looks.collect(),
             stops,
             legs,
-            standing: 0.0,
+            standing: carrier.map_or(0.0, |carrier| carrier.standing_sigma),
             steps,
             told: beforehand,
             anchor: None,

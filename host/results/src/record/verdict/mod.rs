@@ -162,7 +162,9 @@ pub enum Trouble {
 /// Measurement that could be wrong unnoticed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Weakness {
-    /// A sighting of a camera, which has too few.
+    /// Any of the camera's own sightings: it has too few.
+    TooFew,
+    /// A sighting of a camera.
     Sightings {
         /// Number of the camera.
         camera: u16,

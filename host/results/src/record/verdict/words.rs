@@ -318,8 +318,10 @@ impl fmt::Display for Remedy<'_> {
                     "the weakest measurement is a sighting of camera {camera}"
                 )
             }
-            (_, Some(_)) => f.write_str("it has too few sightings"),
-            (_, None) => f.write_str("each has too few sightings"),
+            (Some(Weakness::TooFew), Some(_)) => f.write_str("it has too few sightings"),
+            (Some(Weakness::TooFew), None) => f.write_str("each has too few sightings"),
+            (_, Some(_)) => f.write_str("the weakest measurement is one of its own sightings"),
+            (_, None) => f.write_str("the weakest measurement of each is one of its own sightings"),
         }
     }
 }
@@ -434,7 +436,7 @@ impl Verdict {
                 weakness,
             } = trouble
             {
-                // Too few sightings of its own: told once of all such cameras.
+                // A sighting of its own: told once of all such cameras.
                 let weakness = weakness.filter(
                     |weakness| !matches!(weakness, Weakness::Sightings { camera: of } if of == camera),
                 );
@@ -492,7 +494,7 @@ impl Verdict {
         let mut words = match (self.stops_in_vain, self.instead.is_empty()) {
             (false, true) => return None,
             (true, true) => return Some("The last stops improved nothing.".to_owned()),
-            (false, false) => "No single further stop helps.",
+            (false, false) => "No further stop helps.",
             (true, false) => "The last stops improved nothing.",
         }
         .to_owned();

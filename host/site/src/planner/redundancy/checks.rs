@@ -1,5 +1,7 @@
 //! Where to stop so that one wrong measurement cannot do much.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Point2;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,8 +20,10 @@ use crate::world::World;
 const TRIED: usize = 12;
 /// A stop that lowers levels by less than this part on average is no help.
 const LEAST_GAIN: f64 = 0.02;
+/// So many stops are asked for together where none of them lowers levels by enough alone.
+const TOGETHER: usize = 3;
 /// A level this much below the limit is aimed at: predictions are predictions.
-const ENOUGH: f64 = 0.7;
+const ENOUGH: f64 = 0.9;
 
 /// A camera that wants its pose checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,11 +61,12 @@ pub struct CheckStop {
 
 impl Checks<'_> {
     /// Stops after those of a walk, `most` at most, with what is known after them. Each stop is the one that most
-    /// lowers the levels of the camera that wants that most, for the way that it takes. A camera that wants one
-    /// although the survey says that it is checked gets one all the same.
+    /// lowers the levels of the camera that wants that most, for the way that it takes. Up to three that lower them by
+    /// enough only together are asked for together. A camera that wants one although the survey says that it is checked
+    /// gets one all the same.
     pub fn stops(&self, begun: Redundancy, most: usize) -> (Vec<CheckStop>, Redundancy) {
         let mut now = begun;
-        let mut stops = Vec::new();
+        let mut stops: Vec<CheckStop> = Vec::new();
         let candidates = self.candidates(now.survey());
         let wishing: Vec<usize> = self.wishes.iter().map(|wish| wish.camera).collect();
         // A camera that has enough does not outweigh another one.
@@ -70,38 +75,58 @@ impl Checks<'_> {
             false => (ENOUGH / 2.0, LEAST_GAIN * wishing.len() as f64),
             true => (0.0, 0.0),
         };
-        let worth = |levels: &[Level]| -> f64 {
-            let shares = levels.iter().zip(&self.wishes);
-            shares
-                .map(|(level, wish)| level.share(wish.tolerance).max(enough).ln())
+        let worth = |levels: &[Level], share: fn(&Level, Tolerance) -> f64| -> f64 {
+            let wanted = levels.iter().zip(&self.wishes);
+            wanted
+                .map(|(level, wish)| share(level, wish.tolerance).max(enough).ln())
                 .sum()
         };
-        while stops.len() < most && (stops.is_empty() || !self.are_checked(&now)) {
-            let here = now.survey().stops.last().copied();
+        // Number of the stops that are worth their ways, with what is known after them, and its worth.
+        let mut kept: Option<(usize, Redundancy, f64)> = None;
+        loop {
             let influences = Influences::of(&now, &wishing);
-            let before = worth(&influences.levels(&Further::default()));
+            let levels = influences.levels(&Further::default());
+            // Stops are chosen by what all measurements could do, and kept for what the worst one could: several may be
+            // as bad, and each stop deals with one of them.
+            let told = worth(&levels, Level::share);
+            let alone = stops.len() - kept.as_ref().map_or(0, |(count, ..)| *count);
+            let is_kept =
+                { kept.as_ref() }.is_none_or(|(.., before)| before - told > least * alone as f64);
+            if is_kept {
+                kept = Some((stops.len(), now.clone(), told));
+            }
+            let has_all = !stops.is_empty() && self.are_enough(&levels);
+            if stops.len() >= most || has_all || (!is_kept && alone >= TOGETHER) {
+                break;
+            }
+            let here = now.survey().stops.last().copied();
+            let before = worth(&levels, Level::share_of_all);
             let tried = candidates.iter().map(|(stop, looks)| {
                 let after = influences.levels(&now.further(stop.place, looks));
-                let gain = before - worth(&after);
+                let gain = before - worth(&after, Level::share_of_all);
                 let way = here.map_or(0.0, |here| (stop.place - here).norm());
-                (stop, looks, gain, gain / (now.survey().range + way))
+                (stop, looks, gain / (now.survey().range + way))
             });
-            let best = tried
-                .filter(|(_, _, gain, _)| *gain > least)
+            let best = { tried.filter(|(.., gain)| *gain > 0.0) }
                 .max_by(|(.., a), (.., b)| a.total_cmp(b));
-            let Some((stop, looks, ..)) = best else {
+            let Some((stop, looks, _)) = best else {
                 break;
             };
             stops.push(stop.clone());
             now = now.with_stop(stop.place, looks);
         }
+        let (count, now) = kept.map_or((0, now), |(count, known, _)| (count, known));
+        stops.truncate(count);
         (stops, now)
     }
 
     /// Returns true if no camera wants more.
     pub(in super::super) fn are_checked(&self, walk: &Redundancy) -> bool {
         let wishing: Vec<usize> = self.wishes.iter().map(|wish| wish.camera).collect();
-        let levels = walk.levels(&wishing);
+        self.are_enough(&walk.levels(&wishing))
+    }
+
+    fn are_enough(&self, levels: &[Level]) -> bool {
         let mut shares = levels.iter().zip(&self.wishes);
         shares.all(|(level, wish)| level.share(wish.tolerance) <= ENOUGH)
     }
@@ -139,8 +164,18 @@ impl Checks<'_> {
             seen.map(|camera| (camera, noise.sigma(&cameras[camera], place)))
                 .collect::<Vec<_>>()
         };
+        // Those that saw it there will see it again, however near or large it is, if they stand where they are believed
+        // to.
+        let saw = |stop: usize| {
+            let is_seen = |camera| self.world.sight(camera, survey.stops[stop], self.radius);
+            let looks = survey.looks.iter().filter(|look| look.stop == stop);
+            let looks =
+                looks.filter(|look| is_seen(look.camera).is_some_and(|sight| sight.is_whole()));
+            let looks: BTreeMap<usize, f64> = looks.map(|look| (look.camera, look.sigma)).collect();
+            looks.into_iter().collect()
+        };
         let stops = places.into_iter().map(|(place, again)| {
-            let looks = sees(place);
+            let looks = again.map_or_else(|| sees(place), saw);
             let seen_by = looks.iter().map(|(camera, _)| *camera).collect();
             let stop = CheckStop {
                 place,

@@ -8,6 +8,9 @@ use super::{
     Survey,
 };
 
+/// Half the exponent of the norm of all measurements' effects.
+const NORM: i32 = 4;
+
 /// One more stop, and what it would change. By default none.
 #[derive(Default)]
 pub(super) struct Further {
@@ -131,6 +134,7 @@ impl<'a> Influences<'a> {
             });
             let effects = effects.take(self.leverages.len()).chain(new);
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
+            let mut all = [0.0; 2];
             for (row, (effect, size)) in effects.zip(&sizes).enumerate() {
                 let mut effect: [f64; 3] = effect;
                 for (share, gain) in shares(row).iter().zip(&further.gains) {
@@ -140,13 +144,19 @@ impl<'a> Influences<'a> {
                 }
                 let [x, y, turn] = effect.map(|effect| effect * size);
                 // The square of the place is compared: there are many rows, and roots take long.
-                for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
+                let squares = [x * x + y * y, turn * turn];
+                for ((worst, sum), now) in
+                    { [&mut position, &mut heading].into_iter().zip(&mut all) }.zip(squares)
+                {
+                    *sum += now.powi(NORM);
                     if now > worst.0 {
                         *worst = (now, Some(rows[row].of));
                     }
                 }
             }
             position.0 = f64::sqrt(position.0);
+            heading.0 = f64::sqrt(heading.0);
+            let all = all.map(|sum: f64| sum.powf(0.5 / f64::from(NORM)));
             let pose = Matrix3::from_fn(|i, j| {
                 let taken = { further.gains.iter() }
                     .map(|gain| gain.with[column + i] * gain.with[column + j] * gain.weight);
@@ -154,19 +164,23 @@ impl<'a> Influences<'a> {
                     left - taken
                 })
             });
-            let all = self.walk.survey.in_frame(camera, pose);
-            let noise = RARE * (all.m11 + all.m22).max(0.0).sqrt();
-            let turned = RARE * all.m33.max(0.0).sqrt();
+            // As a target tells it: the frame's error comes on top of what its own measurements leave open.
+            let (places, turned) = self.walk.survey.of_frame(camera);
+            let noise = [pose.m11 + pose.m22, pose.m33, places.trace(), turned];
+            let [own, heading_own, frame, frame_turned] =
+                noise.map(|variance| RARE * variance.max(0.0).sqrt());
             // The measurement that turns it most matters if it turns it by more than it moves it, seen from afar.
             let by = if heading.0 * self.walk.survey.range > position.0 {
                 heading.1
             } else {
                 position.1
             };
+            let noise = [own + frame, heading_own + frame_turned];
             Level {
-                position: position.0 + noise,
-                heading: heading.0 + turned,
+                position: position.0 + noise[0],
+                heading: heading.0 + noise[1],
                 by,
+                all: [all[0] + noise[0], all[1] + noise[1]],
             }
         };
         self.cameras.iter().enumerate().map(level).collect()

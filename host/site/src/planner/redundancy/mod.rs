@@ -171,6 +171,8 @@ pub struct Level {
     pub heading: f64,
     /// Measurement that could do most.
     pub by: Option<Measurement>,
+    /// Place and heading, with what all other measurements could do: a norm that comes down with every large one.
+    all: Tolerance,
 }
 
 /// Highest allowed level: place and heading, radians.
@@ -181,6 +183,13 @@ impl Level {
     pub fn share(&self, tolerance: Tolerance) -> f64 {
         let [position, heading] = tolerance;
         (self.position / position).max(self.heading / heading)
+    }
+
+    /// The same of all measurements together.
+    fn share_of_all(&self, tolerance: Tolerance) -> f64 {
+        let [position, heading] = tolerance;
+        let [moved, turned] = self.all;
+        (moved / position).max(turned / heading)
     }
 }
 
@@ -377,20 +386,17 @@ impl Survey {
         }))
     }
 
-    /// Covariance of a camera with the error of the references' places. The frame of the nodes errs as they do: its
-    /// places are linear in theirs.
-    fn in_frame(&self, camera: usize, mut covariance: Matrix3<f64>) -> Matrix3<f64> {
+    /// Error of a camera's place and the variance of its heading by the references' places. The frame of the nodes errs
+    /// as they do: its places are linear in theirs.
+    fn of_frame(&self, camera: usize) -> (Matrix2<f64>, f64) {
         let [first, second] = [self.cameras[0].position, self.cameras[1].position];
         let (place, told) = (self.cameras[camera].position, self.told);
         let square = (second - first).norm_squared();
         let stretched = (place - first) * told.baseline.unwrap_or(0.0);
         let share = told.place * told.place / square;
         let moved = share * ((place - first).norm_squared() + (place - second).norm_squared());
-        let frame = stretched * stretched.transpose() + Matrix2::from_diagonal_element(moved);
-        let mut own = covariance.fixed_view_mut::<2, 2>(0, 0);
-        own += frame;
-        covariance.m33 += 2.0 * share;
-        covariance
+        let places = stretched * stretched.transpose() + Matrix2::from_diagonal_element(moved);
+        (places, 2.0 * share)
     }
 
     /// `None` where nothing is determined: no references, no stop, or numbers that are none.
@@ -494,7 +500,7 @@ impl Redundancy {
         let Survey { cameras, told, .. } = &self.survey;
         let baseline = cameras[1].position - cameras[0].position;
         let square = baseline.norm_squared();
-        let covariance = match camera {
+        let mut covariance = match camera {
             0 | 1 => {
                 let mut own = Matrix3::zeros();
                 own.m33 = self.covariance[(HEADINGS + camera, HEADINGS + camera)];
@@ -510,7 +516,11 @@ impl Redundancy {
                 Matrix3::from_fn(|i, j| self.covariance[(column + i, column + j)])
             }
         };
-        self.survey.in_frame(camera, covariance)
+        let (places, heading) = self.survey.of_frame(camera);
+        let mut own = covariance.fixed_view_mut::<2, 2>(0, 0);
+        own += places;
+        covariance.m33 += heading;
+        covariance
     }
 
     /// Sigma of a camera's place, as [`sigma`](Self::sigma) tells it, if the distance between a stop and a camera were

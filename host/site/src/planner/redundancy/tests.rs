@@ -191,6 +191,61 @@ fn a_frame_errs_as_its_references_do() {
     assert!((far.m12 - 0.1 * 0.24).abs() < 1e-9, "{far}");
     assert!((far.m33 - 2.0 * 0.01 / 100.0).abs() < 1e-12, "{far}");
     assert!(frame.sigma(3) > exact.sigma(3));
+    // Nodes add the frame's error to what their own measurements leave open: both at their worst.
+    let level = |known: &Redundancy| known.levels(&[3])[0];
+    let (alone, with) = (level(&exact), level(&frame));
+    assert!((with.position - alone.position - RARE * (far.m11 + far.m22).sqrt()).abs() < 1e-9);
+    assert!((with.heading - alone.heading - RARE * far.m33.sqrt()).abs() < 1e-9);
+}
+
+/// Two references look at the same place from near by, where no stop would be planned. Their two bearings of it are
+/// what the other cameras hang on, so it is visited again.
+#[test]
+fn a_place_that_was_seen_is_asked_for_again_however_near_it_is() {
+    let mut survey = survey(5, 16);
+    survey.looks.clear();
+    for stop in 0..16 {
+        let cameras = if stop < 3 { 0..2 } else { 2..6 };
+        survey.looks.extend(cameras.map(|camera| Look {
+            stop,
+            camera,
+            sigma: SIGMA,
+        }));
+    }
+    let lens = cmucam2_emulator::Lens::new(1.2, 88, 143).unwrap();
+    let standing = survey.cameras.iter().map(|pose| Camera {
+        place: pose.position,
+        heading: pose.heading,
+        mount: crate::world::Mount::LEVEL,
+        lens,
+        range: 20.0,
+        variant: crate::world::Variant::Cmucam2,
+    });
+    let world = crate::world::World::new(standing.collect(), Vec::new(), Vec::new());
+    let known = survey.redundancy().unwrap();
+    let stops = |radius: f64| {
+        let checks = Checks {
+            world: &world,
+            radius,
+            may_stand: &|_| false,
+            columns: 0.3,
+            wishes: (2..6)
+                .map(|camera| CheckWish {
+                    camera,
+                    tolerance: [0.1, 0.1],
+                })
+                .collect(),
+        };
+        checks.stops(known.clone(), 4).0
+    };
+    for radius in [0.05, 0.8] {
+        let found = stops(radius);
+        let of_references = found.iter().find(|stop| stop.seen_by == [0, 1]);
+        assert!(
+            of_references.is_some_and(|stop| stop.again.is_some_and(|again| again < 3)),
+            "{radius}: {found:?}"
+        );
+    }
 }
 
 /// Where no one told the references' distance, the carrier tells it: its scale is that of everything.
