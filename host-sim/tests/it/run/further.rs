@@ -223,16 +223,13 @@ fn a_stop_improves_what_was_foretold() {
     assert_eq!(made, 1);
     assert_foretold(gain, &after, &verdict);
     // The network of the thesis: from 13 units to a tenth of that.
-    let told = walked_from(
-        Scenario::load("thesis-13", &Overrides::default()).unwrap(),
-        0,
-    )
-    .0;
-    let verdict = Verdict::of(&told);
+    let thesis = || Scenario::load("thesis-13", &Overrides::default()).unwrap();
+    let (before, _) = walked_from(thesis(), 0);
+    let verdict = Verdict::of(&before);
     let gain = verdict.next_stops[0].helps.expect("a foretold gain");
     assert!(gain.to < 0.2 * gain.from, "{verdict}");
-    let thesis = Scenario::load("thesis-13", &Overrides::default()).unwrap();
-    assert_foretold(gain, &walked_from(thesis, 1).0, &verdict);
+    let (after, _) = walked_from(thesis(), 1);
+    assert_foretold(gain, &after, &verdict);
 }
 
 /// The protection level of the camera that a stop is for is about what was foretold.

@@ -106,6 +106,12 @@ fn run(site: &str, seed: u64, further_stops: usize) -> (RunRecord, usize, Option
     (record, simulation.further_stops(), simulation.further_end())
 }
 
+/// Protection levels of the places of all cameras that have one.
+fn levels(record: &RunRecord) -> Vec<f64> {
+    let told = record.cameras().filter_map(|camera| camera.protection);
+    told.map(|level| level.position).collect()
+}
+
 /// Every stop that is asked for is inside the world, and in view of the cameras that it names.
 #[test]
 fn a_next_stop_is_a_place_where_a_person_can_stand() {
@@ -200,10 +206,6 @@ fn remedies_are_named_where_no_stop_helps() {
     let (record, made, end) = run(&corridor_of_biased_legs(), 1, 24);
     let verdict = Verdict::of(&record);
     // Each stop that is made is worth it: what one wrong measurement could do falls by far.
-    let levels = |record: &RunRecord| -> Vec<f64> {
-        let told = record.cameras().filter_map(|camera| camera.protection);
-        told.map(|level| level.position).collect()
-    };
     let (begun, ended) = (levels(&before), levels(&record));
     let fell = ended.iter().zip(&begun).map(|(to, from)| to / from);
     let worst = fell.fold(0.0, f64::max);
@@ -285,17 +287,14 @@ const HALLWAY: &str = r#"
 /// Going on as the verdict asks is at least as good as a walk that was planned to check every pose.
 #[test]
 fn stops_that_are_asked_for_check_as_much_as_planned_ones() {
-    let levels = |record: &RunRecord| -> f64 {
-        let told = record.cameras().filter_map(|camera| camera.protection);
-        told.map(|level| level.position).fold(0.0, f64::max)
-    };
+    let worst = |record: &RunRecord| levels(record).into_iter().fold(0.0, f64::max);
     let planned = HALLWAY.replace("unit =", "placement = \"checked\"\n unit =");
     for seed in 1..=4 {
         let (before, ..) = run(HALLWAY, seed, 0);
         let (planned, ..) = run(&planned, seed, 0);
         let (asked, made, _) = run(HALLWAY, seed, 24);
         let checked = [&planned, &asked].map(|record| Verdict::of(record).checked);
-        let told = [&before, &planned, &asked].map(levels);
+        let told = [&before, &planned, &asked].map(worst);
         assert!(checked[0] <= checked[1], "{seed}: {checked:?} {told:?}");
         assert!(
             made > 0 && told[2] < 0.8 * told[0],
@@ -316,12 +315,9 @@ fn no_stop_is_made_in_vain() {
     let verdict = Verdict::of(&record);
     if made == 24 {
         // The second half of them still lowers what one wrong measurement could do.
-        let levels = |record: &RunRecord| -> f64 {
-            let told = record.cameras().filter_map(|camera| camera.protection);
-            told.map(|level| level.position.ln()).sum()
-        };
+        let all = |record| -> f64 { levels(record).into_iter().map(f64::ln).sum() };
         let (half, ..) = run(&corridor(), 1, 12);
-        assert!(levels(&record) < levels(&half) - 0.5, "{end:?} {verdict}");
+        assert!(all(&record) < all(&half) - 0.5, "{end:?} {verdict}");
     }
     if !verdict.is_checked() && verdict.next_stops.is_empty() {
         assert!(!verdict.instead.is_empty(), "{verdict}");

@@ -386,8 +386,8 @@ impl Survey {
         }))
     }
 
-    /// Error of a camera's place and the variance of its heading by the references' places. The frame of the nodes errs
-    /// as they do: its places are linear in theirs.
+    /// Covariance of a camera's place, and variance of its heading, by the error of the references' places. The frame of
+    /// the nodes errs as they do: its places are linear in theirs.
     fn of_frame(&self, camera: usize) -> (Matrix2<f64>, f64) {
         let [first, second] = [self.cameras[0].position, self.cameras[1].position];
         let (place, told) = (self.cameras[camera].position, self.told);
