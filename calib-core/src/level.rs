@@ -25,7 +25,7 @@
 //! fit, its pitch is whatever the rows say; its roll stays one of a bracket. The errors of both are in the covariance
 //! that [`Levelness::widening`] adds to that of the pose.
 
-use nalgebra::{Matrix2, Matrix3, Point2, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Point2, SMatrix, SVector, Vector3};
 
 use crate::{
     Pose, Real,
@@ -306,20 +306,20 @@ pub fn judge<T: Real>(
     let height2 = found.height * found.height;
     let (widening, shift_variance) = if is_level {
         let tilt = tolerance.tilt * tolerance.tilt;
-        let place = (height2 + found.height_variance) * tilt;
+        let place = (height2 + found.spread.m11) * tilt;
         let turn = tilt * lit(TURN * TURN);
         (Matrix3::from_diagonal(&[place, place, turn].into()), place)
     } else {
-        let ([by_pitch, by_roll], c) = (found.moves, found.covariance);
-        let both = by_pitch * by_roll.transpose() * c.m12;
+        let ([by_pitch, by_roll], c) = (found.moves, found.spread);
+        let both = by_pitch * by_roll.transpose() * c.m23;
         let (_, cosine) = mounting.pitch.sine_cosine();
         let shift = (cosine * cosine).recip();
         (
-            by_pitch * by_pitch.transpose() * c.m11
-                + by_roll * by_roll.transpose() * c.m22
+            by_pitch * by_pitch.transpose() * c.m22
+                + by_roll * by_roll.transpose() * c.m33
                 + both
                 + both.transpose(),
-            height2 * shift * shift * c.m11,
+            height2 * shift * shift * c.m22,
         )
     };
     Some(Levelness {
@@ -333,6 +333,53 @@ pub fn judge<T: Real>(
         shift_variance,
     })
     .filter(|found| (found.fit.chi_squared + found.widening.sum()).is_finite())
+}
+
+/// Height, pitch and roll of a camera, with their covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hanging<T: Real> {
+    /// Height above the ball.
+    pub height: T,
+    /// Pitch and roll: none of a level camera.
+    pub mounting: Mounting<T>,
+    /// Covariance of (height, pitch, roll): radians and the unit of the site.
+    pub covariance: Matrix3<T>,
+    /// Covariance of (x, y, heading), one a row, with (height, pitch, roll).
+    pub with_pose: Matrix3<T>,
+}
+
+/// Height, pitch and roll of a camera whose pose in the plane was found with this mounting. Those of a level camera are
+/// what its installer promises, and its height is what the rows tell. `None` as of [`judge`].
+pub fn hanging<T: Real>(
+    pose: &Pose<T>,
+    rows: &[Row<T>],
+    mounting: Mounting<T>,
+    tolerance: &Tolerance<T>,
+) -> Option<Hanging<T>> {
+    let is_level = mounting.is_level();
+    let free = if is_level {
+        tolerance.tilt
+    } else {
+        lit(ANY_PITCH)
+    };
+    let found = settled(pose, rows, mounting, tolerance, free)?;
+    let mut covariance = found.spread;
+    let mut with_pose = Matrix3::zeros();
+    if is_level {
+        let tilt = tolerance.tilt * tolerance.tilt;
+        covariance = Matrix3::from_diagonal(&[covariance.m11, tilt, tilt].into());
+    } else {
+        for (moved, spread) in found.moves.iter().zip(covariance.row_iter().skip(1)) {
+            with_pose += moved * spread;
+        }
+    }
+    Some(Hanging {
+        height: found.height,
+        mounting,
+        covariance,
+        with_pose,
+    })
+    .filter(|found| (found.height + found.covariance.sum() + found.with_pose.sum()).is_finite())
 }
 
 /// A better mounting for the next solution in the plane; `None` if this one stays.
@@ -355,8 +402,8 @@ pub fn improved<T: Real>(
     }
     let found = settled(pose, rows, mounting, tolerance, lit(ANY_PITCH))?;
     let [pitch, roll] = [mounting.pitch + found.pitch, mounting.roll + found.roll];
-    let is_change = { found.pitch.abs() > found.covariance.m11.sqrt() * lit(SETTLED) }
-        || found.roll.abs() > found.covariance.m22.sqrt() * lit(SETTLED);
+    let is_change = { found.pitch.abs() > found.spread.m22.sqrt() * lit(SETTLED) }
+        || found.roll.abs() > found.spread.m33.sqrt() * lit(SETTLED);
     let steepest = lit::<T>(STEEPEST);
     (is_change && (pitch + roll).is_finite()).then(|| Mounting {
         pitch: pitch.max(-steepest).min(steepest),
@@ -373,13 +420,12 @@ struct Fitted<T: Real> {
     rows: usize,
     chi_squared: T,
     height: T,
-    height_variance: T,
     /// Rest of the pitch.
     pitch: T,
     /// Rest of the roll.
     roll: T,
-    /// Of pitch and roll.
-    covariance: Matrix2<T>,
+    /// Covariance of (height, pitch, roll).
+    spread: Matrix3<T>,
     /// Movement of (x, y, heading) with them.
     moves: [Vector3<T>; 2],
 }
@@ -553,10 +599,9 @@ fn fitted<T: Real>(
         rows: count,
         chi_squared: at_least_zero(sum - dot(found.as_slice(), right.as_slice())),
         height: found.x,
-        height_variance: inverse.m11,
         pitch: found.y,
         roll: found.z,
-        covariance: inverse.fixed_view::<2, 2>(1, 1).into_owned(),
+        spread: inverse.fixed_view::<3, 3>(0, 0).into_owned(),
         moves,
     })
 }

@@ -19,6 +19,7 @@ fn blobs_are_where_stage_has_them() {
     let cameras = scenario.put_up().unwrap().world.cameras().to_vec();
     let target = Target {
         place: Point2::origin(),
+        above: 0.0,
         radius: RADIUS,
         colour: [230, 105, 35],
     };

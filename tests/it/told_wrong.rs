@@ -5,8 +5,9 @@ use std::fmt;
 
 use calib_core::{Pose, Status};
 use host_sim::network::{Options, Simulation};
+use nalgebra::{Point3, Rotation3};
 use rand::RngExt;
-use results::record::RunRecord;
+use results::{export::Frame, record::RunRecord};
 use site::{Overrides, Scenario, SensorTable};
 use test_support::{amount, generator, normal};
 
@@ -118,6 +119,8 @@ fn run(wrong: Wrong, stops: usize, seed: u64) -> Option<RunRecord> {
         [world]
         low = [0.0, 0.0]
         high = [{width}, {depth}]
+        [walk]
+        bob_sigma = 0.02
         [sensor]
         measures = true
         [firmware]
@@ -154,6 +157,10 @@ struct Counts {
     calibrated: usize,
     deceived: usize,
     nees: f64,
+    /// Calibrated cameras of which height, pitch and roll are told, references too.
+    in_space: usize,
+    /// Squared errors of these three over their variances, summed.
+    nees_in_space: f64,
 }
 
 fn count(wrong: Wrong, stops: usize) -> Counts {
@@ -174,6 +181,18 @@ fn count(wrong: Wrong, stops: usize) -> Counts {
                 continue;
             }
             let pose: Pose<f64> = estimate.pose();
+            let mut off_in_space: f64 = 0.0;
+            if let (Some(found), Some(error)) = (estimate.hung, camera.error.and_then(|e| e.hung)) {
+                counts.in_space += 1;
+                for (error, sigma) in [
+                    (error.z, found.sigma_z),
+                    (error.pitch_deg, found.sigma_pitch_deg),
+                    (error.roll_deg, found.sigma_roll_deg),
+                ] {
+                    counts.nees_in_space += (error / sigma).powi(2);
+                    off_in_space = off_in_space.max(error.abs() / sigma);
+                }
+            }
             let heading = truth.heading_deg.to_radians();
             let turned = calib_core::angle::wrap_signed(pose.heading - heading);
             let turned = turned.abs() / pose.covariance.m33.sqrt();
@@ -185,10 +204,11 @@ fn count(wrong: Wrong, stops: usize) -> Counts {
                 counts.nees += pose.normalised_error(truth.position(), heading).unwrap();
                 (pose.position - truth.position()).norm() / pose.sigma_position()
             };
-            if off > 5.0 || turned > 5.0 {
+            if off > 5.0 || turned > 5.0 || off_in_space > 5.0 {
                 println!(
-                    "{wrong}, {stops} stops, seed {seed}: camera {} is {off:.1} and {turned:.1} sigmas off: {estimate:?}",
-                    camera.id
+                    "{wrong}, {stops} stops, seed {seed}: camera {} is {off:.1}, {turned:.1} and {off_in_space:.1} sigmas \
+                     off: {estimate:?}, {:?}",
+                    camera.id, camera.error
                 );
                 counts.deceived += 1;
             }
@@ -248,4 +268,53 @@ fn sigmas_are_those_of_all_that_is_uncertain() {
         let mean = counts.nees / counts.calibrated as f64;
         assert!((1.0..4.5).contains(&mean), "{stops} stops: {mean}");
     }
+}
+
+/// A ball at the height of the site file, seen from where a launch file for ROS puts the camera, is where the camera saw
+/// it: at the bearing and the elevation of each sighting, within their accuracy.
+#[test]
+fn a_launch_file_puts_cameras_where_they_hang() {
+    const BALL: f64 = 1.0;
+    let (mut cameras, mut looks) = (0, 0);
+    for seed in 1..=3 {
+        let record = run(Wrong::Down(30.0, 1.5), 6, seed).unwrap();
+        let launch = results::export::ros_launch(&record, Frame::Network).unwrap();
+        let measured = &record.sightings[0];
+        let stops = &record.targets[0].stops;
+        for camera in record.cameras().filter(|camera| camera.is_calibrated()) {
+            let name = format!("--child-frame-id camera_{}", camera.id);
+            let line = launch.lines().find(|line| line.contains(&name)).unwrap();
+            let number = |name: &str| -> f64 {
+                let mut words = line.split_whitespace();
+                words.find(|word| word.ends_with(name)).unwrap();
+                words.next().unwrap().parse().unwrap()
+            };
+            let turn =
+                Rotation3::from_euler_angles(number("--roll"), number("--pitch"), number("--yaw"));
+            let place = Point3::new(number("--x"), number("--y"), number("--z"));
+            cameras += 1;
+            for seen in measured
+                .bearings
+                .iter()
+                .filter(|seen| seen.camera == camera.id)
+            {
+                let stop = stops.iter().find(|stop| stop.stop == seen.stop).unwrap();
+                let away = turn.inverse() * (Point3::new(stop.x, stop.y, BALL) - place);
+                let bearing = away.y.atan2(away.x).to_degrees();
+                let elevation = away.z.atan2(away.xy().norm()).to_degrees();
+                assert!(
+                    (bearing - seen.bearing_deg).abs() < 4.0,
+                    "{seen:?} {bearing} {line}"
+                );
+                if let Some(told) = seen.elevation_deg {
+                    assert!(
+                        (elevation - told).abs() < 4.0,
+                        "{seen:?} {elevation} {line}"
+                    );
+                    looks += 1;
+                }
+            }
+        }
+    }
+    assert!(cameras >= 15 && looks >= 60, "{cameras} {looks}");
 }

@@ -3,7 +3,7 @@
 use calib_core::{
     Limits, Pose, Ray, Sighting,
     angle::wrap_signed,
-    level::{self, Elevation, Levelness, Mounting, Row, Tolerance},
+    level::{self, Elevation, Hanging, Levelness, Mounting, Row, Tolerance},
     resection::{self, Solution},
 };
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Point2, Rotation3, Vector3, Vector6};
@@ -26,6 +26,8 @@ const PIXY2: [f64; 4] = [316.0, 208.0, 272.797_9, 272.797_9];
 
 struct Room {
     truth: Pose<f64>,
+    /// Height above the ball, pitch and roll.
+    hung: Vector3<f64>,
     places: Vec<Point2<f64>>,
     /// Tangents of column and row.
     tangents: Vec<[f64; 2]>,
@@ -45,10 +47,10 @@ fn room(
         heading: (90.0_f64 + random.random_range(-30.0..30.0)).to_radians(),
         covariance: Matrix3::zeros(),
     };
-    let pitch = (tilt + normal(random)).to_radians();
+    let [pitch, roll] = [tilt, 0.0].map(|mean| (mean + normal(random)).to_radians());
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), truth.heading)
         * Rotation3::from_axis_angle(&Vector3::y_axis(), pitch)
-        * Rotation3::from_axis_angle(&Vector3::x_axis(), normal(random).to_radians());
+        * Rotation3::from_axis_angle(&Vector3::x_axis(), roll);
     let horizon = normal(random).to_radians() * down;
     let (mut places, mut tangents) = (Vec::new(), Vec::new());
     for _ in 0..400 {
@@ -79,6 +81,7 @@ fn room(
         if places.len() == stops {
             return Some(Room {
                 truth,
+                hung: Vector3::new(height, pitch, roll),
                 places,
                 tangents,
             });
@@ -91,6 +94,7 @@ fn room(
 struct Found {
     pose: Pose<f64>,
     levelness: Levelness<f64>,
+    hanging: Hanging<f64>,
 }
 
 impl Room {
@@ -143,14 +147,45 @@ impl Room {
         let solution = self.in_plane(frame[2], mounting)?;
         let mut pose = solution.pose;
         let levelness = level::judge(&pose, &rows, mounting, &TOLERANCE)?;
+        let hanging = level::hanging(&pose, &rows, mounting, &TOLERANCE)?;
         pose.covariance += levelness.widening;
         let is_good = !levelness.is_refused() && LIMITS.allow(&pose) || is_told_level;
-        (is_good && !solution.fit().is_bad()).then_some(Found { pose, levelness })
+        (is_good && !solution.fit().is_bad()).then_some(Found {
+            pose,
+            levelness,
+            hanging,
+        })
     }
 
     fn error(&self, pose: &Pose<f64>) -> Vector3<f64> {
         let turned = wrap_signed(pose.heading - self.truth.heading);
         (pose.position - self.truth.position).push(turned)
+    }
+
+    /// Squared error of all six over their covariance.
+    fn nees_in_space(&self, found: &Found) -> f64 {
+        let Found { pose, hanging, .. } = found;
+        let Mounting { pitch, roll } = hanging.mounting;
+        let off = Vector3::new(hanging.height, pitch, roll) - self.hung;
+        let error = Vector6::from_fn(|i, _| match i {
+            0..3 => self.error(pose)[i],
+            _ => off[i - 3],
+        });
+        let mut covariance = Matrix6::zeros();
+        covariance
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&pose.covariance);
+        covariance
+            .fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&hanging.covariance);
+        covariance
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&hanging.with_pose);
+        covariance
+            .fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&hanging.with_pose.transpose());
+        let factor = covariance.cholesky().expect("a covariance");
+        error.dot(&factor.solve(&error))
     }
 
     /// Errors of a pose over its sigmas, the larger of place and heading.
@@ -172,6 +207,8 @@ struct Tally {
     /// Sums of squared errors over their covariance, of (x, y, heading), and of pitches, degrees.
     nees: f64,
     pitch: f64,
+    /// The same of (x, y, heading, height, pitch, roll).
+    nees_in_space: f64,
 }
 
 fn tally(frame: [f64; 4], height: f64, tilt: f64, stops: usize) -> Tally {
@@ -183,16 +220,23 @@ fn tally(frame: [f64; 4], height: f64, tilt: f64, stops: usize) -> Tally {
             continue;
         };
         tally.rooms += 1;
-        if let Some(Found { pose, levelness }) = room.solved(frame, true) {
+        if let Some(Found {
+            pose, levelness, ..
+        }) = room.solved(frame, true)
+        {
             let mut alone = pose;
             alone.covariance -= levelness.widening;
             let is_told = LIMITS.allow(&alone) && room.sigmas_off(&alone) > 5.0;
             tally.deceived_before += usize::from(is_told);
         }
-        let Some(Found { pose, levelness }) = room.solved(frame, false) else {
+        let Some(found) = room.solved(frame, false) else {
             continue;
         };
+        let Found {
+            pose, levelness, ..
+        } = found;
         tally.calibrated += 1;
+        tally.nees_in_space += room.nees_in_space(&found);
         tally.level += usize::from(levelness.mounting.is_level());
         if room.sigmas_off(&pose) > 5.0 {
             tally.deceived += 1;
@@ -204,13 +248,14 @@ fn tally(frame: [f64; 4], height: f64, tilt: f64, stops: usize) -> Tally {
     let calibrated = tally.calibrated.max(1) as f64;
     println!(
         "{height} m, {tilt} deg, {stops} stops: {} rooms, {} deceived as level; {} calibrated, {} of them as level, {} \
-         deceived, NEES {:.1}, pitch off by {:.1} deg",
+         deceived, NEES {:.1}, in space {:.1}, pitch off by {:.1} deg",
         tally.rooms,
         tally.deceived_before,
         tally.calibrated,
         tally.level,
         tally.deceived,
         tally.nees / calibrated,
+        tally.nees_in_space / calibrated,
         (tally.pitch / calibrated).sqrt()
     );
     tally
@@ -266,6 +311,8 @@ fn tilted_cameras_are_found() {
                     before += tally.deceived_before;
                     let nees = tally.nees / tally.calibrated as f64;
                     assert!((1.0..4.5).contains(&nees), "{tally:?}");
+                    let in_space = tally.nees_in_space / tally.calibrated as f64;
+                    assert!((3.5..9.0).contains(&in_space), "{tally:?}");
                 }
             }
         }

@@ -31,7 +31,7 @@ use host_sim::probe::{
     sensor_name, stranger,
 };
 use indicatif::ProgressBar;
-use node_firmware::vision::{BackgroundShare, VisionError};
+use node_firmware::vision::{BackgroundShare, Rows, VisionError, cmucam2::ROWS_PER_COLUMN};
 
 use super::{
     camera::{KindOption, emulated},
@@ -154,7 +154,8 @@ Bringing up a camera:
      twice as wide as tall.
   3. host-sim probe --port /dev/ttyUSB0 --fov-deg 45
      Bearings are positive to the left, those of the object's middle between its edges. Their sigma is that
-     of whole columns.
+     of whole columns. A level camera sees an object at the height of its lens 0 deg up; where it sees it 5 deg
+     up, it looks down by 5 degrees.
   4. host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --case north
      Type where the object stands, X,Y, once it stands there; three places or more, not on one
      line with the camera. `q` or Ctrl-D ends. Then:
@@ -181,7 +182,7 @@ everything once, and shows it; with --as-is it is 1 unless given. A packet that 
 reported, and no sighting is recorded from then on.
 
 JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
-pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearings also without
+pixels, confidence, bearing_rad, sigma_rad, elevation_rad; null when nothing is tracked, bearings also without
 --fov-deg and where the object is cut off by the left or right border or partly hidden. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
 column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
 damaged_rows. Everything else goes to the standard error output.
@@ -410,7 +411,11 @@ impl<'a> Bench<'a> {
             columns,
             self.first_number()?,
             self.arguments.camera.camera(usual)?,
-        );
+        )
+        .with_rows(Rows {
+            count: self.frame.height.into(),
+            per_column: ROWS_PER_COLUMN,
+        });
         Ok(())
     }
 

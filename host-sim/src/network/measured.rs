@@ -1,6 +1,6 @@
 //! Measurements of a run's nodes, as input of another solution.
 
-use node_firmware::config::RoleConfig;
+use node_firmware::config::{RoleConfig, TargetConfig};
 use results::record::sightings::{Bearing, Carrier, Leg, Lens, References, Sightings, Surveyed};
 
 use super::{Simulation, console::Console, outcome::Numbers};
@@ -35,12 +35,7 @@ pub(super) fn sightings(
             standing_sigma: config.standing_sigma.into(),
         })
     });
-    let told = network.targets.iter().find_map(|target| {
-        let RoleConfig::Target(config) = &simulation.config(target.id)?.settings().role else {
-            return None;
-        };
-        Some(config.lens_sigma)
-    });
+    let told = target_config(simulation, network).map(|config| config.lens_sigma);
     let lens = { told.filter(|told| told.focal > 0.0) }.map(|told| Lens {
         sigma: told.focal.into(),
         fov_deg: None,
@@ -67,7 +62,21 @@ pub(super) fn sightings(
     }
 }
 
-fn seen_by(
+/// Settings of the first target of a network.
+pub(super) fn target_config<'s>(
+    simulation: &'s Simulation,
+    network: &Network,
+) -> Option<&'s TargetConfig> {
+    network.targets.iter().find_map(|target| {
+        let RoleConfig::Target(config) = &simulation.config(target.id)?.settings().role else {
+            return None;
+        };
+        Some(config)
+    })
+}
+
+/// All bearings of a camera, by stops.
+pub(super) fn seen_by(
     simulation: &Simulation,
     camera: u16,
     console: &Console,

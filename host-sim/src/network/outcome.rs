@@ -2,14 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use calib_core::Sighting;
+use calib_core::{Sighting, level::Row};
+use nalgebra::Point2;
 use node_firmware::{config::RoleConfig as Configured, facts::KeptSighting, message::Duty};
 use results::view;
 
 use super::{FurtherEnd, Simulation, console::Console, journal::NodeEntry, measured};
 use results::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
-    Unit, View, heading_degrees, sightings::Sightings, summary::Summary,
+    Unit, View, heading_degrees,
+    sightings::Sightings,
+    space::{Hung, tolerance},
+    summary::Summary,
 };
 use site::{CameraNode, Frame, Network};
 use virtual_hardware::{executor::Time, medium::Reason};
@@ -19,6 +23,9 @@ const PHY_HEADER: u64 = 6;
 
 /// Time within which a camera answers when a target has stopped.
 const ANSWER: Time = 10_000_000_000;
+
+/// Rows from which a height is found, at most.
+const ROWS: usize = 16;
 
 /// Limits that the first camera was told.
 fn limits(simulation: &Simulation) -> Limits {
@@ -74,6 +81,7 @@ pub(super) fn record(
             building: meant.as_ref().map(view::building_place),
             pan: known.map(|network| network.pan),
             channel: known.map(|network| network.channel),
+            ball_height: Some(network.ball_height),
         });
         if number == 0 {
             let all = simulation.site.world.obstacles().iter();
@@ -104,11 +112,12 @@ pub(super) fn record(
             node.silent = has_missed(simulation, &entry, arrivals(&entry));
             nodes.push(with_traffic(simulation, node));
         }
+        let tolerance = measured::target_config(simulation, network).map(tolerance);
         for (place, camera) in network.cameras.iter().enumerate() {
             let mut node = of_network(camera.id, Role::Camera);
             node.reference = network.home.is_none() && references.contains(&place);
             node.expected = true;
-            describe(&mut node, simulation, &frame, camera);
+            describe(&mut node, simulation, &frame, network.ball_height, camera);
             if let Some(member) = console.view().member(node.id) {
                 member.describe(&mut node);
             }
@@ -121,6 +130,10 @@ pub(super) fn record(
                         .iter()
                         .map(|(target, stop, s)| (*target, *stop, s)),
                 );
+            }
+            if let Some(tolerance) = &tolerance {
+                let rows = rows(simulation, camera.id, console, &numbers, &targets);
+                node.set_hung(&rows, tolerance, Some(network.ball_height));
             }
             let view = console.view();
             let member = view.member(node.id);
@@ -182,11 +195,11 @@ pub(super) fn frame(simulation: &Simulation, network: &Network, console: &Consol
 /// Pose of a frame in another one.
 fn within(frame: &Frame, other: &Frame) -> Place {
     let origin = other.place(frame.origin);
-    Place {
-        x: origin.x,
-        y: origin.y,
-        heading_deg: heading_degrees(other.direction(frame.heading)),
-    }
+    Place::new(
+        origin.x,
+        origin.y,
+        heading_degrees(other.direction(frame.heading)),
+    )
 }
 
 fn seconds(time: Time) -> f64 {
@@ -295,6 +308,32 @@ fn sightings(
     sightings.collect()
 }
 
+/// The last rows in which a camera saw targets at stops that are in the record.
+fn rows(
+    simulation: &Simulation,
+    camera: u16,
+    console: &Console,
+    numbers: &Numbers,
+    targets: &[Target],
+) -> Vec<Row<f64>> {
+    let seen = measured::seen_by(simulation, camera, console, numbers);
+    let rows = seen.iter().rev().filter_map(|seen| {
+        let target = targets.iter().find(|target| target.id == seen.target)?;
+        let stop = target
+            .stops
+            .binary_search_by_key(&seen.stop, |stop| stop.stop);
+        let believed = target.stops.get(stop.ok()?)?.believed?;
+        Some(Row {
+            target: Point2::new(believed.x, believed.y),
+            target_variance: believed.variance(),
+            bearing: seen.bearing_deg.to_radians(),
+            elevation: seen.elevation_deg?.to_radians(),
+            sigma: seen.sigma_deg.to_radians(),
+        })
+    });
+    rows.take(ROWS).collect()
+}
+
 /// The cameras that became the references, or else those that are meant to: indices among the
 /// network's cameras.
 fn references(network: &Network, console: &Console) -> [usize; 2] {
@@ -311,15 +350,25 @@ fn references(network: &Network, console: &Console) -> [usize; 2] {
     }
 }
 
-fn describe(node: &mut Node, simulation: &Simulation, frame: &Frame, camera: &CameraNode) {
+fn describe(
+    node: &mut Node,
+    simulation: &Simulation,
+    frame: &Frame,
+    ball_height: f64,
+    camera: &CameraNode,
+) {
     // Its place at the end.
     let world = simulation.world.borrow();
     let real = &world.cameras()[camera.index];
     let place = frame.place(real.place);
+    let mount = real.mount;
     node.truth = Some(Place {
-        x: place.x,
-        y: place.y,
-        heading_deg: frame.direction(real.heading).to_degrees(),
+        hung: Some(Hung {
+            z: ball_height + mount.height,
+            pitch_deg: mount.pitch.to_degrees(),
+            roll_deg: mount.roll.to_degrees(),
+        }),
+        ..Place::new(place.x, place.y, frame.direction(real.heading).to_degrees())
     });
     node.view = Some(View {
         fov_deg: camera.model_lens.1,

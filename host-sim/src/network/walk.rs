@@ -122,7 +122,10 @@ impl Walk {
 
     fn move_there(&mut self) {
         let place = self.walker.place();
-        self.world.borrow_mut().move_target(self.index, place);
+        let mut world = self.world.borrow_mut();
+        world.move_target(self.index, place);
+        world.raise_target(self.index, self.walker.above());
+        drop(world);
         // Every move costs the renewal of all its links.
         let moved = (place - self.antenna_at).norm();
         let stands = self.walker.standing_at().is_some();

@@ -13,7 +13,7 @@ const STRIP: usize = 25;
 /// Content of a packet, with columns and rows counted from 0.
 ///
 /// As JSON this is an interface: names and meaning stay. Everything but `seconds` is null when
-/// nothing is tracked; the last two are null without a camera, too, and where the blob is cut off by the
+/// nothing is tracked; the last three are null without a camera, too, and where the blob is cut off by the
 /// left or right border or partly hidden: then its middle is not the middle of what is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PacketLine {
@@ -39,6 +39,8 @@ pub struct PacketLine {
     pub bearing_rad: Option<f64>,
     /// Standard deviation of `bearing_rad`, as far as it comes from whole columns.
     pub sigma_rad: Option<f64>,
+    /// Radians above the camera's own horizontal plane; null also where the blob is cut off at the top or bottom.
+    pub elevation_rad: Option<f64>,
 }
 
 impl PacketLine {
@@ -63,6 +65,7 @@ impl PacketLine {
             confidence: seen(tracking.confidence()),
             bearing_rad: bearing.map(|b| b.bearing),
             sigma_rad: bearing.map(|b| b.sigma),
+            elevation_rad: bearing.and_then(|b| b.elevation),
         }
     }
 }
@@ -82,8 +85,22 @@ impl fmt::Display for PacketLine {
         }
         if let (Some(bearing), Some(sigma)) = (self.bearing_rad, self.sigma_rad) {
             write!(f, "  bearing {} deg", Degrees(bearing, sigma))?;
+            write!(f, "{}", Height(self.elevation_rad))?;
         }
         Ok(())
+    }
+}
+
+/// Elevation of an object, radians, in words: nothing where it is not known.
+#[derive(Clone, Copy, Debug)]
+pub struct Height(pub Option<f64>);
+
+impl fmt::Display for Height {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(elevation) => write!(f, ", {:+.1} deg up", elevation.to_degrees()),
+            None => Ok(()),
+        }
     }
 }
 
@@ -137,6 +154,7 @@ impl fmt::Display for Screen<'_> {
         }
         if let (Some(bearing), Some(sigma)) = (line.bearing_rad, line.sigma_rad) {
             write!(f, "  bearing {} deg", Degrees(bearing, sigma))?;
+            write!(f, "{}", Height(line.elevation_rad))?;
         }
         if let (Some(pixels), Some(confidence)) = (line.pixels, line.confidence) {
             write!(f, "  confidence {confidence:3}  pixels {pixels:3}")?;
@@ -321,11 +339,11 @@ mod tests {
         };
         assert_eq!(
             json(&SEEN, View::new(88, 1, None)),
-            r#"{"seconds":0.04,"column":20,"row":69,"x1":17,"y1":59,"x2":25,"y2":81,"pixels":20,"confidence":201,"bearing_rad":null,"sigma_rad":null}"#
+            r#"{"seconds":0.04,"column":20,"row":69,"x1":17,"y1":59,"x2":25,"y2":81,"pixels":20,"confidence":201,"bearing_rad":null,"sigma_rad":null,"elevation_rad":null}"#
         );
         assert_eq!(
             json(&Tracking::LOST, view()),
-            r#"{"seconds":0.04,"column":null,"row":null,"x1":null,"y1":null,"x2":null,"y2":null,"pixels":null,"confidence":null,"bearing_rad":null,"sigma_rad":null}"#
+            r#"{"seconds":0.04,"column":null,"row":null,"x1":null,"y1":null,"x2":null,"y2":null,"pixels":null,"confidence":null,"bearing_rad":null,"sigma_rad":null,"elevation_rad":null}"#
         );
     }
 

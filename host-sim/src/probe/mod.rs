@@ -24,7 +24,7 @@ pub mod stranger;
 use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
 use node_firmware::vision::{
-    Blob, Grid,
+    Blob, Grid, Rows,
     steady::{Shape, Steadiness, Steady},
 };
 
@@ -44,6 +44,7 @@ pub fn sensor_name(sensor: Option<Sensor>) -> &'static str {
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     columns: u16,
+    rows: Option<Rows>,
     first: u8,
     camera: Option<Camera<f64>>,
 }
@@ -55,6 +56,8 @@ pub struct Bearing {
     pub bearing: f64,
     /// Its standard deviation.
     pub sigma: f64,
+    /// Direction above the camera's own horizontal plane, where both its upper and lower edge are seen.
+    pub elevation: Option<f64>,
 }
 
 impl View {
@@ -63,8 +66,18 @@ impl View {
     pub fn new(columns: u16, first: u8, camera: Option<Camera<f64>>) -> Self {
         Self {
             columns,
+            rows: None,
             first,
             camera,
+        }
+    }
+
+    /// The same with these rows, so that packets tell elevations, too.
+    #[must_use]
+    pub fn with_rows(self, rows: Rows) -> Self {
+        Self {
+            rows: Some(rows),
+            ..self
         }
     }
 
@@ -91,7 +104,9 @@ impl View {
 
     /// The blob of a packet, if there is one.
     pub fn blob(&self, tracking: &Tracking) -> Option<Blob> {
-        Blob::from_tracking(tracking, Grid::pixels(self.first))
+        let blob = Blob::from_tracking(tracking, Grid::pixels(self.first))?;
+        let rows = self.rows;
+        Some(Blob { rows, ..blob })
     }
 
     /// The direction of what one packet shows, as that of one that stood still. `None` also where it is cut
@@ -106,7 +121,11 @@ impl View {
     pub fn bearing(&self, steady: &Steady) -> Option<Bearing> {
         self.camera.map(|camera| {
             let (bearing, sigma) = steady.bearing(&camera, 0.0);
-            Bearing { bearing, sigma }
+            Bearing {
+                bearing,
+                sigma,
+                elevation: steady.elevation(&camera, bearing),
+            }
         })
     }
 

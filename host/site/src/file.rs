@@ -411,6 +411,8 @@ pub struct WalkTable {
     /// Most that a target may come to stand off a stop, evenly on the disc of this radius: a standard deviation
     /// of half of it along each axis. Default 0.02.
     pub arrive_within: f64,
+    /// Standard deviation of the height of the ball's middle at a stop. Default 0.
+    pub bob_sigma: f64,
     /// Length of a step. Default 0.1.
     pub step_length: f64,
     /// Time that a target stands when it is not told to walk on, seconds. Default 600.
@@ -426,6 +428,7 @@ impl Default for WalkTable {
         Self {
             speed: 0.2,
             arrive_within: 0.02,
+            bob_sigma: 0.0,
             step_length: 0.1,
             patience_s: 600.0,
             walks: 1,

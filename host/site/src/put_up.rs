@@ -65,6 +65,8 @@ pub struct Network {
     pub told: Told,
     /// The frame in which the network reports.
     pub frame: Frame,
+    /// Height of the middle of its ball above the floor.
+    pub ball_height: f64,
     /// Its targets.
     pub targets: Vec<TargetNode>,
 }
@@ -167,6 +169,12 @@ impl Site {
 
 /// Height of the middle of a ball above the floor, where the file has none, metres.
 const BALL_HEIGHT: f64 = 1.0;
+
+/// Height of the middle of a network's ball above the floor.
+fn ball_height(scenario: &Scenario, table: &NetworkTable) -> f64 {
+    let told = table.targets.first().and_then(|target| target.height);
+    told.unwrap_or(BALL_HEIGHT / scenario.metres_per_unit())
+}
 
 /// Mounting of a camera above a ball.
 fn mount(
@@ -309,8 +317,7 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let mut networks = Vec::new();
     for (n, table) in (1..).zip(&scenario.networks) {
         let mut nodes = Vec::new();
-        let ball_height = table.targets.first().and_then(|target| target.height);
-        let ball_height = ball_height.unwrap_or(BALL_HEIGHT / scenario.metres_per_unit());
+        let ball_height = ball_height(scenario, table);
         for (c, placed) in (1..).zip(&table.cameras) {
             let name = format!("network {n}.camera {c}");
             let of_all = scenario.camera.for_camera(placed);
@@ -335,6 +342,7 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
         let first_target = targets.len();
         targets.extend(table.targets.iter().map(|target| Target {
             place: Point2::origin(),
+            above: 0.0,
             radius: target.radius,
             colour: target.colour,
         }));
@@ -347,6 +355,7 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
     }
     targets.extend(scenario.objects.iter().map(|object| Target {
         place: Point2::new(ELSEWHERE, ELSEWHERE),
+        above: 0.0,
         radius: object.radius,
         colour: object.colour,
     }));
@@ -444,6 +453,7 @@ fn network(
         told: scenario.told(table, &known),
         known,
         frame,
+        ball_height: ball_height(scenario, table),
         targets: (first_target..)
             .zip(&table.targets)
             .map(|(index, target)| TargetNode {
@@ -467,6 +477,7 @@ fn gait(scenario: &Scenario) -> Gait {
     Gait {
         speed: walk.speed,
         arrive_within: walk.arrive_within,
+        bob: walk.bob_sigma,
         step_length: walk.step_length,
         patience: (walk.patience_s * 1e9) as u64,
         ..Gait::default()

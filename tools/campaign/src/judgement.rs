@@ -358,11 +358,7 @@ mod tests {
     fn camera(error: f64, sigma: f64, status: Status) -> Node {
         let mut node = Node::new(3, Role::Camera);
         node.status = Some(status);
-        node.truth = Some(Place {
-            x: 0.0,
-            y: 0.0,
-            heading_deg: 0.0,
-        });
+        node.truth = Some(Place::new(0.0, 0.0, 0.0));
         node.set_pose(&Pose {
             position: Point2::new(error, 0.0),
             heading: 0.0,

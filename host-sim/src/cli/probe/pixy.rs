@@ -9,7 +9,7 @@ use std::{
 use anyhow::{anyhow, bail};
 use host_sim::probe::{
     Bearing, View,
-    display::Degrees,
+    display::{Degrees, Height},
     port::{Baud, Clock, Overheard, Port, PortError},
     record::Recording,
     stranger::{self, Stranger},
@@ -56,6 +56,8 @@ struct Line {
     /// Bearing of an object that stood still in the last frames.
     bearing_rad: Option<f64>,
     sigma_rad: Option<f64>,
+    /// Elevation of the same.
+    elevation_rad: Option<f64>,
 }
 
 type Camera = Pixy<Port, Clock>;
@@ -218,6 +220,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             height: largest.map(|block| block.height),
             bearing_rad: bearing.map(|told| told.bearing),
             sigma_rad: bearing.map(|told| told.sigma),
+            elevation_rad: bearing.and_then(|told| told.elevation),
         };
         let mut out = io::stdout().lock();
         if arguments.json {
@@ -235,8 +238,9 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             )?,
         }
         match (bearing, steady) {
-            (Some(Bearing { bearing, sigma }), _) => {
-                writeln!(out, "  {} deg", Degrees(bearing, sigma))?;
+            (Some(seen), _) => {
+                write!(out, "  {} deg", Degrees(seen.bearing, seen.sigma))?;
+                writeln!(out, "{}", Height(seen.elevation))?;
             }
             (None, Err(why)) if largest.is_some() => writeln!(out, "  {why}")?,
             _ => writeln!(out)?,

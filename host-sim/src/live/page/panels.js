@@ -24,8 +24,12 @@ function statusWords(node) {
 function poseWords(record, node) {
   const pose = poseOf(record, node);
   if (!pose) return 'no pose yet';
-  return `x ${digits(pose.x, 3)} \u00b1 ${digits(pose.sigma_x, 3)}, y ${digits(pose.y, 3)} \u00b1 ` +
+  const words = `x ${digits(pose.x, 3)} \u00b1 ${digits(pose.sigma_x, 3)}, y ${digits(pose.y, 3)} \u00b1 ` +
     `${digits(pose.sigma_y, 3)}, heading ${headingWords(pose.heading_deg, 2)} \u00b1 ${digits(pose.sigma_heading_deg, 2)}\u00b0`;
+  if (pose.z === undefined) return words;
+  return `${words}, height ${digits(pose.z, 2)} \u00b1 ${digits(pose.sigma_z, 2)}, ` +
+    `pitch ${digits(pose.pitch_deg, 1)} \u00b1 ${digits(pose.sigma_pitch_deg, 1)}\u00b0, ` +
+    `roll ${digits(pose.roll_deg, 1)} \u00b1 ${digits(pose.sigma_roll_deg, 1)}\u00b0`;
 }
 
 function showBanner(state) {

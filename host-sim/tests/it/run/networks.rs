@@ -19,11 +19,7 @@ use super::sample::{self, FIRST, Sample};
 /// Difference between the numbers of the second network and those of the first one.
 const SECOND: u16 = 100;
 /// Pose of the second network's frame in that of the first one: looking north.
-const NORTH: Place = Place {
-    x: 60.0,
-    y: -5.0,
-    heading_deg: 90.0,
-};
+const NORTH: Place = Place::new(60.0, -5.0, 90.0);
 
 /// The same site twice, the second one at another place.
 fn two(first: Sample, second: Sample) -> RunRecord {
@@ -138,11 +134,7 @@ fn obstacles_are_in_the_way_of_every_network() {
     record.obstacles = vec![around.to_vec()];
     assert_eq!(Verdict::of(&record).next_stops, []);
     // The same numbers in its own frame are far away.
-    record.networks[1].frame = Place {
-        x: 0.0,
-        y: 0.0,
-        heading_deg: 0.0,
-    };
+    record.networks[1].frame = Place::new(0.0, 0.0, 0.0);
     assert_eq!(Verdict::of(&record).next_stops, free);
 }
 

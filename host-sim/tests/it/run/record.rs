@@ -16,11 +16,7 @@ use super::sample::{FIRST, Sample};
 fn tiny() -> RunRecord {
     let mut camera = Node::new(3, Role::Camera);
     camera.expected = true;
-    camera.truth = Some(Place {
-        x: 1.0,
-        y: 2.0,
-        heading_deg: 90.0,
-    });
+    camera.truth = Some(Place::new(1.0, 2.0, 90.0));
     camera.view = Some(View {
         fov_deg: 60.0,
         range: 8.0,
@@ -34,11 +30,7 @@ fn tiny() -> RunRecord {
         sigma_heading_deg: 2.0,
         covariance: [0.25, 0.0, 0.125, 0.0625, 0.0, 4.0],
     });
-    camera.error = Some(results::record::PoseError {
-        x: 0.5,
-        y: -0.25,
-        heading_deg: 1.0,
-    });
+    camera.error = Some(results::record::PoseError::new(0.5, -0.25, 1.0));
     camera.nees = Some(2.25);
     camera.status = Some(Status::Calibrated);
     (camera.used, camera.chi_squared, camera.done) = (1, Some(0.25), true);
@@ -293,11 +285,7 @@ fn the_statistics_are_those_of_the_thesis() {
 #[test]
 fn errors_are_measured_across_north_and_in_sigmas() {
     let mut camera = Node::new(1, Role::Camera);
-    camera.truth = Some(Place {
-        x: 1.0,
-        y: 1.0,
-        heading_deg: 359.5,
-    });
+    camera.truth = Some(Place::new(1.0, 1.0, 359.5));
     let sigma = 0.5_f64.to_radians();
     camera.set_pose(&Pose {
         position: Point2::new(1.5, 1.0),

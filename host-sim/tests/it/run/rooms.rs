@@ -132,11 +132,7 @@ fn a_next_stop_is_a_place_where_a_person_can_stand() {
                     // A doubtful pose is not believed: such a camera is where it was put.
                     let is_believed = camera.status != Some(Status::Doubtful);
                     let believed = camera.estimate.filter(|_| is_believed);
-                    let pose = believed.map(|pose| Place {
-                        x: pose.x,
-                        y: pose.y,
-                        heading_deg: pose.heading_deg,
-                    });
+                    let pose = believed.map(|pose| Place::new(pose.x, pose.y, pose.heading_deg));
                     let pose = pose.or(camera.truth).unwrap();
                     let view = camera.view.unwrap();
                     let (dx, dy) = (stop.x - pose.x, stop.y - pose.y);

@@ -16,7 +16,9 @@ use test_support::{Random, generator, normal};
 
 /// Place of a camera of Table 4.1, and its heading in degrees.
 pub(crate) fn camera(id: u16) -> (f64, f64, f64) {
-    let Place { x, y, heading_deg } = cameras()[usize::from(id) - 1];
+    let Place {
+        x, y, heading_deg, ..
+    } = cameras()[usize::from(id) - 1];
     (x, y, heading_deg)
 }
 
@@ -43,16 +45,8 @@ pub(crate) const CHECKED: Protection = Protection {
 /// The only network.
 pub(crate) const FIRST: Network = Network {
     network: 1,
-    frame: Place {
-        x: 0.0,
-        y: 0.0,
-        heading_deg: 0.0,
-    },
-    building: Some(Place {
-        x: 10.0,
-        y: -4.0,
-        heading_deg: 90.0,
-    }),
+    frame: Place::new(0.0, 0.0, 0.0),
+    building: Some(Place::new(10.0, -4.0, 90.0)),
     pan: Some(0x1234),
     channel: Some(15),
 };
@@ -142,7 +136,10 @@ impl Sample {
     /// Some stops in view of every camera in turn.
     fn stops(self, random: &mut Random) -> Vec<Stop> {
         let mut stops = Vec::new();
-        for Place { x, y, heading_deg } in cameras() {
+        for Place {
+            x, y, heading_deg, ..
+        } in cameras()
+        {
             for k in 0..self.stops {
                 let side = [-0.7, 0.7, 0.0][k as usize % 3];
                 let bearing = 0.4 * (side + random.random_range(-0.25..0.25));
@@ -171,7 +168,7 @@ impl Sample {
         let mut node = Node::new(id, Role::Camera);
         node.reference = id <= 2;
         node.expected = true;
-        node.truth = Some(Place { x, y, heading_deg });
+        node.truth = Some(Place::new(x, y, heading_deg));
         node.view = Some(View {
             fov_deg: FOV_DEG,
             range: RANGE,

@@ -4,9 +4,10 @@
 use std::borrow::Cow;
 
 use calib_core::{Refusal, Status};
+use nalgebra::Matrix6;
 use serde::Serialize;
 
-use crate::record::{Estimate, Node, Role, RunRecord, Unit};
+use crate::record::{Estimate, Node, Role, RunRecord, Unit, space::HungEstimate};
 
 mod ros;
 
@@ -101,6 +102,38 @@ pub enum ExportError {
     Yaml(#[from] serde_saphyr::ser::Error),
 }
 
+/// Height, pitch and roll in CSV, empty where not known.
+#[derive(Default, Serialize)]
+struct CsvHung {
+    z: Option<f64>,
+    pitch_deg: Option<f64>,
+    roll_deg: Option<f64>,
+    sigma_z: Option<f64>,
+    sigma_pitch_deg: Option<f64>,
+    sigma_roll_deg: Option<f64>,
+    true_z: Option<f64>,
+    true_pitch_deg: Option<f64>,
+    true_roll_deg: Option<f64>,
+}
+
+impl From<&Node> for CsvHung {
+    fn from(camera: &Node) -> Self {
+        let found = camera.estimate.and_then(|estimate| estimate.hung);
+        let truth = camera.truth.and_then(|truth| truth.hung);
+        Self {
+            z: found.map(|found| found.hung.z),
+            pitch_deg: found.map(|found| found.hung.pitch_deg),
+            roll_deg: found.map(|found| found.hung.roll_deg),
+            sigma_z: found.map(|found| found.sigma_z),
+            sigma_pitch_deg: found.map(|found| found.sigma_pitch_deg),
+            sigma_roll_deg: found.map(|found| found.sigma_roll_deg),
+            true_z: truth.map(|truth| truth.z),
+            true_pitch_deg: truth.map(|truth| truth.pitch_deg),
+            true_roll_deg: truth.map(|truth| truth.roll_deg),
+        }
+    }
+}
+
 /// Identity of a camera, in CSV.
 #[derive(Serialize)]
 struct CsvCamera {
@@ -162,7 +195,8 @@ struct CsvCheck {
 /// the error (`error_...`) where they are known, `sightings`, how many of them the pose uses
 /// (`used`), `chi_squared`, `done` (it needs no more), its `address`, whether its pose is `checked`, and how
 /// far one unnoticed wrong measurement could move and turn it (`protection`, `protection_heading_deg`; empty
-/// of references, and where no target told).
+/// of references, and where no target told). Then come [height, pitch and roll](crate::record::space::Hung) (`z`,
+/// `pitch_deg`, `roll_deg`), their sigmas and their truth; empty where no rows tell them.
 ///
 /// # Errors
 /// [`ExportError`]
@@ -186,6 +220,7 @@ pub fn csv(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
                 protection: camera.protection.map(|level| level.position),
                 protection_heading_deg: camera.protection.map(|level| level.heading_deg),
             },
+            CsvHung::from(camera),
         )
     };
     let text = to_csv(record.cameras().map(row))?;
@@ -237,12 +272,42 @@ struct YamlPose {
     y: f64,
     heading_rad: f64,
     covariance: serde_saphyr::FlowSeq<[f64; 9]>,
+    #[serde(flatten)]
+    hung: Option<YamlHung>,
+}
+
+#[derive(Serialize)]
+struct YamlHung {
+    z: f64,
+    pitch_rad: f64,
+    roll_rad: f64,
+    covariance_in_space: serde_saphyr::FlowSeq<Vec<f64>>,
+}
+
+impl YamlHung {
+    fn new(found: &HungEstimate) -> Self {
+        Self {
+            z: found.hung.z,
+            pitch_rad: found.hung.pitch_deg.to_radians(),
+            roll_rad: found.hung.roll_deg.to_radians(),
+            covariance_in_space: serde_saphyr::FlowSeq(in_space(found, 1.0)),
+        }
+    }
+}
+
+/// The covariance of (x, y, z, roll, pitch, heading) by rows: radians, and lengths of so many units each.
+fn in_space(found: &HungEstimate, length: f64) -> Vec<f64> {
+    let angle = 1_f64.to_radians();
+    let scale = Matrix6::from_diagonal(&[length, length, length, angle, angle, angle].into());
+    // Symmetric, so that columns are rows.
+    { scale * found.matrix() * scale }.iter().copied().collect()
 }
 
 /// `format` (3), `scenario`, `seed` (null of a real network), `frame` (in whose coordinates poses
 /// are: `network` or `building`), `unit` (`name`, `metres`), `cameras`: each with `id`, `network`,
 /// `reference`, `status`, `reason` (why there is no pose) and `pose`, null without one: `x`, `y` in
-/// the unit, `heading_rad`, and `covariance` of these three, 3 x 3 by rows.
+/// the unit, `heading_rad`, and `covariance` of these three, 3 x 3 by rows. Where rows tell them, `z`, `pitch_rad` and
+/// `roll_rad` follow, and `covariance_in_space` of x, y, z, roll, pitch and heading, 6 x 6 by rows.
 ///
 /// # Errors
 /// [`ExportError`]
@@ -264,6 +329,7 @@ pub fn yaml(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
                 covariance: serde_saphyr::FlowSeq([
                     c.m11, c.m12, c.m13, c.m21, c.m22, c.m23, c.m31, c.m32, c.m33,
                 ]),
+                hung: estimate.hung.as_ref().map(YamlHung::new),
             }
         }),
     });

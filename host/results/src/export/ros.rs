@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::{ExportError, Frame, one_line, to_yaml};
-use crate::record::{Node, RunRecord};
+use super::{ExportError, Frame, in_space, one_line, to_yaml};
+use crate::record::{Node, RunRecord, space::IN_PLANE};
 
 /// The parent of a camera's frame. Nothing says where the frames of several networks are to one
 /// another, unless all is told in the coordinates of the building.
@@ -51,8 +51,8 @@ struct Let {
 /// A camera's frame is that of REP 103 for bodies: x along the optical axis, y to the left, z up.
 /// A static transform carries no covariance, so the file also sets the launch configuration
 /// `camera_<id>_covariance`: 36 numbers, the row-major 6 x 6 matrix of
-/// `geometry_msgs/PoseWithCovariance` (x, y, z, roll, pitch, yaw). z, roll and pitch are not
-/// estimated; their variances are 0.
+/// `geometry_msgs/PoseWithCovariance` (x, y, z, roll, pitch, yaw). Roll is positive where the left side is high, as in
+/// REP 103. Of a camera whose rows tell no height, z, roll and pitch are 0, and so are their variances.
 ///
 /// # Errors
 /// [`ExportError`]
@@ -79,24 +79,36 @@ fn actions(camera: &Node, world: &str, metres: f64) -> Option<[Action; 2]> {
     let pose = estimate.pose();
     let (x, y) = (estimate.x * metres, estimate.y * metres);
     let (id, yaw) = (camera.id, pose.heading);
-    let scale = nalgebra::Vector3::new(metres, metres, 1.0);
-    let c = pose.covariance.component_mul(&(scale * scale.transpose()));
+    let hung = estimate.hung;
     // Rows and columns: x, y, z, roll, pitch, yaw.
-    let place = [0, 1, 5];
-    let mut covariance = [0.0; 36];
-    for (row, &to_row) in place.iter().enumerate() {
-        for (column, &to_column) in place.iter().enumerate() {
-            covariance[6 * to_row + to_column] = c[(row, column)];
+    let covariance = match &hung {
+        Some(found) => in_space(found, metres),
+        None => {
+            let scale = nalgebra::Vector3::new(metres, metres, 1.0);
+            let c = pose.covariance.component_mul(&(scale * scale.transpose()));
+            let mut covariance = vec![0.0; 36];
+            for row in 0..3 {
+                for column in 0..3 {
+                    covariance[6 * IN_PLANE[row] + IN_PLANE[column]] = c[(row, column)];
+                }
+            }
+            covariance
         }
-    }
-    let value = covariance.map(|c| c.to_string()).join(" ");
+    };
+    let value: Vec<_> = covariance.iter().map(f64::to_string).collect();
+    let value = value.join(" ");
+    let hung = hung.map(|found| found.hung);
+    let z = hung.map_or(0.0, |hung| hung.z * metres);
+    let [roll, pitch] = hung.map_or([0.0; 2], |hung| {
+        [hung.roll_deg, hung.pitch_deg].map(f64::to_radians)
+    });
     Some([
         Action::Node(LaunchNode {
             pkg: "tf2_ros",
             exec: "static_transform_publisher",
             name: format!("camera_{id}_pose"),
             args: format!(
-                "--x {x} --y {y} --z 0 --roll 0 --pitch 0 --yaw {yaw} --frame-id {world} \
+                "--x {x} --y {y} --z {z} --roll {roll} --pitch {pitch} --yaw {yaw} --frame-id {world} \
                  --child-frame-id camera_{id}"
             ),
         }),

@@ -40,11 +40,11 @@ impl RunRecord {
                 if let (Some(first), Some(own)) = (first, network.building) {
                     let [first, own] = [first.isometry(), own.isometry()];
                     let between = first.inverse() * own;
-                    network.frame = Place {
-                        x: between.translation.x,
-                        y: between.translation.y,
-                        heading_deg: heading_degrees(wrap_positive(between.rotation.angle())),
-                    };
+                    network.frame = Place::new(
+                        between.translation.x,
+                        between.translation.y,
+                        heading_degrees(wrap_positive(between.rotation.angle())),
+                    );
                 }
                 all.networks.push(network);
             }

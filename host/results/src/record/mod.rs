@@ -36,12 +36,14 @@ mod next_stop;
 pub mod part;
 pub mod published;
 pub mod sightings;
+pub mod space;
 mod standing;
 pub mod summary;
 pub mod sweep;
 pub mod verdict;
 
 use sightings::Sightings;
+use space::{Hung, HungEstimate};
 use summary::Summary;
 
 /// The format that this library writes, and the only one that it reads.
@@ -114,6 +116,9 @@ pub struct Network {
     pub pan: Option<u16>,
     /// Its channel.
     pub channel: Option<u8>,
+    /// Height of the middle of its ball above the floor; left out where nothing tells it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ball_height: Option<f64>,
 }
 
 /// Quality of a network's tracking of objects without a radio, compared with where they really were. A track
@@ -351,6 +356,9 @@ pub struct Place {
     pub y: f64,
     /// Direction of the optical axis, or of the x axis.
     pub heading_deg: f64,
+    /// Of a camera in a rehearsal: how it hangs.
+    #[serde(flatten)]
+    pub hung: Option<Hung>,
 }
 
 /// Field of view, range and projection of a camera.
@@ -380,6 +388,9 @@ pub struct Estimate {
     /// Upper triangle of the covariance of `(x, y, heading)`, by rows: xx, xy, xt, yy, yt, tt.
     /// Headings in degrees here too.
     pub covariance: [f64; 6],
+    /// Height, pitch and roll, where rows tell them.
+    #[serde(flatten)]
+    pub hung: Option<HungEstimate>,
 }
 
 /// Most that a pose may be off because of one unnoticed wrong measurement: at most so much in 999 of 1,000
@@ -401,9 +412,22 @@ pub struct PoseError {
     pub y: f64,
     /// Signed, in `[-180, 180)`.
     pub heading_deg: f64,
+    /// Signed, where both are known.
+    #[serde(flatten)]
+    pub hung: Option<Hung>,
 }
 
 impl PoseError {
+    /// An error on the floor.
+    pub const fn new(x: f64, y: f64, heading_deg: f64) -> Self {
+        Self {
+            x,
+            y,
+            heading_deg,
+            hung: None,
+        }
+    }
+
     fn vector(&self) -> Vector3<f64> {
         Vector3::new(self.x, self.y, self.heading_deg)
     }
@@ -493,7 +517,27 @@ pub struct Attack {
     pub airtime_share: f64,
 }
 
+impl Believed {
+    /// Variance along any axis.
+    pub fn variance(&self) -> f64 {
+        (self.sigma_x * self.sigma_x + self.sigma_y * self.sigma_y) / 2.0
+    }
+}
+
 impl Place {
+    /// Origin of a frame that is this one.
+    pub const ORIGIN: Self = Self::new(0.0, 0.0, 0.0);
+
+    /// A place on the floor.
+    pub const fn new(x: f64, y: f64, heading_deg: f64) -> Self {
+        Self {
+            x,
+            y,
+            heading_deg,
+            hung: None,
+        }
+    }
+
     /// Its centre.
     pub fn position(&self) -> Point2<f64> {
         Point2::new(self.x, self.y)
@@ -501,7 +545,9 @@ impl Place {
 
     /// The place as a frame.
     fn isometry(&self) -> Isometry2<f64> {
-        let Self { x, y, heading_deg } = *self;
+        let Self {
+            x, y, heading_deg, ..
+        } = *self;
         Isometry2::new(Vector2::new(x, y), heading_deg.to_radians())
     }
 
@@ -541,6 +587,7 @@ impl Estimate {
                 c.m23 * per_radian,
                 c.m33 * per_radian * per_radian,
             ],
+            hung: None,
         };
         let place = estimate.x + estimate.y + estimate.heading_deg;
         let all = place + estimate.covariance.iter().sum::<f64>();
@@ -687,11 +734,9 @@ impl Node {
         (self.error, self.nees) = match (&self.estimate, &self.truth) {
             (Some(estimate), Some(truth)) => {
                 let true_heading = truth.heading_deg.to_radians();
-                let error = PoseError {
-                    x: estimate.x - truth.x,
-                    y: estimate.y - truth.y,
-                    heading_deg: angle::wrap_signed(pose.heading - true_heading).to_degrees(),
-                };
+                let turned = angle::wrap_signed(pose.heading - true_heading);
+                let (x, y) = (estimate.x - truth.x, estimate.y - truth.y);
+                let error = PoseError::new(x, y, turned.to_degrees());
                 let nees = pose.normalised_error(truth.position(), true_heading);
                 (Some(error), nees.filter(|nees| nees.is_finite()))
             }
@@ -730,6 +775,7 @@ impl Node {
                 x: place.x,
                 y: place.y,
                 heading_deg: heading_degrees(angle::wrap_positive(heading)),
+                hung: truth.hung,
             };
         }
         if let Some(estimate) = self.estimate {
@@ -740,6 +786,10 @@ impl Node {
                 heading: angle::wrap_positive(pose.heading + turned),
                 covariance: turn * pose.covariance * turn.transpose(),
             });
+            if let Some(moved) = &mut self.estimate {
+                moved.hung = estimate.hung.map(|hung| hung.moved(frame));
+            }
+            self.compare_hung();
         }
     }
 
@@ -772,6 +822,11 @@ impl Node {
     /// Returns true if one unnoticed wrong measurement could do [no harm](Limits::tolerate) to its pose.
     pub fn is_checked(&self, limits: &Limits) -> bool {
         self.is_checkable(limits) && self.protection.is_some_and(|level| limits.tolerate(&level))
+    }
+
+    /// Returns true if it is a camera whose rows tell that it is not level.
+    pub fn is_tilted(&self) -> bool {
+        self.mount.is_some()
     }
 
     /// Returns true if it is a camera that counts as calibrated.
@@ -1025,11 +1080,7 @@ impl RunRecord {
     /// Returns true if all places are in the coordinates of the building, as [`in_building`](Self::in_building) makes
     /// them, or those are the coordinates of its only network.
     pub fn is_in_building(&self) -> bool {
-        let here = Place {
-            x: 0.0,
-            y: 0.0,
-            heading_deg: 0.0,
-        };
+        let here = Place::ORIGIN;
         self.networks.iter().all(|own| own.building == Some(here))
     }
 
@@ -1042,11 +1093,7 @@ impl RunRecord {
     fn moved(&self, by: impl Fn(u16) -> Isometry2<f64>) -> Self {
         let mut record = self.clone();
         for own in &mut record.networks {
-            own.frame = Place {
-                x: 0.0,
-                y: 0.0,
-                heading_deg: 0.0,
-            };
+            own.frame = Place::ORIGIN;
             // The former frame of the network is gone.
             own.building = None;
         }

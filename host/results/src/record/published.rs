@@ -39,11 +39,11 @@ impl PublishedNode {
             truth, calculated, ..
         } = self;
         let turned = (calculated.heading_deg - truth.heading_deg).to_radians();
-        PoseError {
-            x: calculated.x - truth.x,
-            y: calculated.y - truth.y,
-            heading_deg: angle::wrap_signed(turned).to_degrees(),
-        }
+        PoseError::new(
+            calculated.x - truth.x,
+            calculated.y - truth.y,
+            angle::wrap_signed(turned).to_degrees(),
+        )
     }
 }
 
@@ -82,16 +82,8 @@ impl Published {
         };
         Some(Self {
             table: row.table,
-            mean: PoseError {
-                x: row.mean_x,
-                y: row.mean_y,
-                heading_deg: row.mean_deg,
-            },
-            standard_deviation: PoseError {
-                x: row.sd_x,
-                y: row.sd_y,
-                heading_deg: row.sd_deg,
-            },
+            mean: PoseError::new(row.mean_x, row.mean_y, row.mean_deg),
+            standard_deviation: PoseError::new(row.sd_x, row.sd_y, row.sd_deg),
             nodes,
         })
     }
@@ -114,11 +106,11 @@ fn table_4_1(path: u32) -> Vec<PublishedNode> {
             row.get(column)?.parse::<f64>().ok()
         };
         let place = |prefix: &str| {
-            Some(Place {
-                x: value(format!("{prefix}_x"))?,
-                y: value(format!("{prefix}_y"))?,
-                heading_deg: value(format!("{prefix}_deg"))?,
-            })
+            Some(Place::new(
+                value(format!("{prefix}_x"))?,
+                value(format!("{prefix}_y"))?,
+                value(format!("{prefix}_deg"))?,
+            ))
         };
         Some(PublishedNode {
             id: row.get(0)?.parse().ok()?,

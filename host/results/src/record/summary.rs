@@ -89,8 +89,12 @@ impl Statistics {
         let mut within = [WithinSigmas::default(); 3];
         let (mut nees_sum, mut nees_count) = (0.0, 0_u32);
         for camera in cameras {
-            let (Some(estimate), Some(PoseError { x, y, heading_deg })) =
-                (&camera.estimate, camera.error)
+            let (
+                Some(estimate),
+                Some(PoseError {
+                    x, y, heading_deg, ..
+                }),
+            ) = (&camera.estimate, camera.error)
             else {
                 continue;
             };

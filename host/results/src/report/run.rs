@@ -11,6 +11,7 @@ use crate::accuracy::GAUSSIAN;
 use crate::record::{
     Estimate, Limits, Node, PoseError, Radio, RunRecord,
     published::{Published, exchange},
+    space::Hung,
     summary::{Errors, Statistics},
     verdict::Verdict,
 };
@@ -36,6 +37,7 @@ pub fn details(record: &RunRecord, verdict: &Verdict) -> String {
     let record = shown.as_ref();
     let parts = [
         poses(&[record]),
+        hanging(record),
         statistics(&[record]),
         record
             .radio
@@ -121,10 +123,12 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
         of_length("x"),
         of_length("y"),
         of_angle("heading"),
-        of_length("sigma"),
-        of_angle("sigma"),
-        of_length("fault"),
     ];
+    let has_tilted = record.cameras().any(Node::is_tilted);
+    if has_tilted {
+        head.extend([of_length("z"), of_angle("pitch")]);
+    }
+    head.extend([of_length("sigma"), of_angle("sigma"), of_length("fault")]);
     head.extend(has_truth.then(|| of_length("error")));
     head.push("seen".to_owned());
     let mut table = table(&head.iter().map(String::as_str).collect::<Vec<_>>());
@@ -142,6 +146,13 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
             number(pose.map(|pose| pose.x), 2),
             number(pose.map(|pose| pose.y), 2),
             pose.map_or_else(String::new, |pose| heading(pose.heading_deg, 1)),
+        ];
+        if has_tilted {
+            let hung = pose.and_then(|pose| pose.hung).map(|found| found.hung);
+            row.push(number(hung.map(|hung| hung.z), 2));
+            row.push(number(hung.map(|hung| hung.pitch_deg), 1));
+        }
+        row.extend([
             number(pose.map(Estimate::sigma_position), 3),
             number(pose.map(|pose| pose.sigma_heading_deg), 2),
             match camera.protection {
@@ -149,7 +160,7 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
                 Some(level) if camera.is_checked(&record.limits) => number(Some(level.position), 2),
                 _ => "open".to_owned(),
             },
-        ];
+        ]);
         if has_truth {
             let error = camera.error.as_ref();
             row.push(number(error.map(|error| error.x.hypot(error.y)), 3));
@@ -162,9 +173,53 @@ fn poses_at_a_glance(record: &RunRecord) -> String {
     let has_reference = record.cameras().any(|camera| camera.reference);
     legend.extend(has_reference.then(|| "* reference".to_owned()));
     legend.push("seen: sightings".to_owned());
+    legend.extend(has_tilted.then(|| heights_are(record).to_owned()));
     format!(
         "{}\nfault: how far one unnoticed wrong measurement moves it at most; open: more than is tolerated\n{}",
         legend.join("; "),
+        print(&table)
+    )
+}
+
+/// Meaning of heights, in words.
+fn heights_are(record: &RunRecord) -> &'static str {
+    match record.networks.iter().all(|own| own.ball_height.is_some()) {
+        true => "z: above the floor",
+        false => "z: above the ball",
+    }
+}
+
+/// Height, pitch and roll of the cameras, where one is not level.
+fn hanging(record: &RunRecord) -> String {
+    if !record.cameras().any(Node::is_tilted) {
+        return String::new();
+    }
+    let mut table = table(&["node", "actual", "found", "predicted sigma", "error"]);
+    for camera in record.cameras() {
+        let words = |hung: &Hung| triple([hung.z, hung.pitch_deg], hung.roll_deg, [2, 1]);
+        let found = camera.estimate.and_then(|estimate| estimate.hung);
+        let truth = camera.truth.and_then(|truth| truth.hung);
+        let error = camera.error.and_then(|error| error.hung);
+        table.add_row([
+            camera.id.to_string(),
+            truth.as_ref().map_or_else(String::new, words),
+            found.map_or_else(String::new, |found| words(&found.hung)),
+            found.map_or_else(String::new, |found| {
+                triple(
+                    [found.sigma_z, found.sigma_pitch_deg],
+                    found.sigma_roll_deg,
+                    [2, 1],
+                )
+            }),
+            error.map_or_else(String::new, |e| {
+                format!("({:+.3}, {:+.2}, {:+.2})", e.z, e.pitch_deg, e.roll_deg)
+            }),
+        ]);
+    }
+    format!(
+        "Cameras in space (z, pitch, roll) in {} and degrees; {}; pitch: down; roll: left side high\n{}",
+        record.unit.name,
+        heights_are(record),
         print(&table)
     )
 }

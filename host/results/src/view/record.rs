@@ -2,12 +2,15 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use calib_core::{Ray, Sighting};
+use calib_core::{Ray, Sighting, level::Row};
 use nalgebra::{Matrix2, Point2};
 use node_firmware::message::{Duty, ListedSighting, MemberKind, SitePlace};
 use site::coordinator_id;
 
-use super::{Member, NetworkView, SitePlan, UNKNOWN_UNIT, site::usual_limits};
+use super::{
+    Member, NetworkView, SitePlan, UNKNOWN_UNIT,
+    site::{usual_limits, usual_tolerance},
+};
 use crate::record::{
     self, Believed, FORMAT, Node, Place, Role, RunRecord, Stop, Target, Unit, summary::Summary,
 };
@@ -19,6 +22,8 @@ impl NetworkView {
         let site = site.map(|site| site.with_references(self.references()));
         let site = site.as_ref();
         let mut nodes: Vec<Node> = site.map(SitePlan::nodes).unwrap_or_default();
+        let tolerance = site.map_or_else(usual_tolerance, |site| site.tolerance);
+        let ball_height = site.and_then(SitePlan::ball_height);
         for member in self.present() {
             let role = match member.kind {
                 _ if member.is_camera() => Role::Camera,
@@ -32,6 +37,9 @@ impl NetworkView {
                 nodes.len() - 1
             });
             self.describe(now, member, &mut nodes[place]);
+            if role == Role::Camera {
+                nodes[place].set_hung(&self.rows(member), &tolerance, ball_height);
+            }
         }
         if self.is_silent(now) {
             let number = site.map_or(1, SitePlan::number);
@@ -59,14 +67,11 @@ impl NetworkView {
             limits: site.map_or(weak, |site| site.limits),
             networks: vec![record::Network {
                 network: 1,
-                frame: Place {
-                    x: 0.0,
-                    y: 0.0,
-                    heading_deg: 0.0,
-                },
+                frame: Place::ORIGIN,
                 building: site.and_then(SitePlan::building),
                 pan: self.network().map(|network| network.pan),
                 channel: self.network().map(|network| network.channel),
+                ball_height,
             }],
             summary: Summary::of(&nodes),
             nodes,
@@ -111,6 +116,35 @@ impl NetworkView {
                 node.set_sightings(all.map(|(target, stop, s)| (*target, u32::from(*stop), s)));
             }
         }
+    }
+
+    /// The rows in which a camera saw its stops, where those are known in the frame of the site.
+    fn rows(&self, camera: &Member) -> Vec<Row<f64>> {
+        let rows = camera.sightings.values().filter_map(|told| {
+            let target = self.id_of(told.target)?;
+            let own = self.present().into_iter().find(|m| m.id == target);
+            let own = own.and_then(|target| target.stops.get(&told.stop));
+            let (place, variance) = match own {
+                Some((at, Some(place))) => {
+                    let believed = own_stop(told.stop.into(), *at, place).believed?;
+                    (Point2::new(believed.x, believed.y), believed.variance())
+                }
+                // What a reference saw before the frame was known has no place in it.
+                _ if camera.is_reference() => return None,
+                _ => {
+                    let sigma = each_axis(told);
+                    (Point2::from(told.position.map(f64::from)), sigma * sigma)
+                }
+            };
+            Some(Row {
+                target: place,
+                target_variance: variance,
+                bearing: told.seen.bearing.into(),
+                elevation: told.seen.elevation.radians()?,
+                sigma: told.seen.sigma.into(),
+            })
+        });
+        rows.collect()
     }
 
     /// Where the targets said they stood, as far as they or cameras told.

@@ -1,13 +1,14 @@
 //! Facts about a network from a site file, beside those that the network tells itself.
 
+use calib_core::level::Tolerance;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects},
+    config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects, TargetConfig},
     vision::Lens,
 };
 use site::{Frame, NetworkTable, Scenario, ScenarioError, WorldTable, world::Obstacle};
 
-use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees};
+use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees, space::tolerance};
 
 /// Corners of a pillar's outline.
 const PILLAR: u8 = 24;
@@ -18,6 +19,7 @@ pub struct SitePlan {
     pub(super) name: String,
     pub(super) unit: Unit,
     pub(super) limits: Limits,
+    pub(super) tolerance: Tolerance<f64>,
     scenario: Scenario,
     network: NetworkTable,
     number: u16,
@@ -56,6 +58,14 @@ impl SitePlan {
             Some(Configured::Camera(camera)) => limits(camera),
             _ => usual_limits(),
         };
+        let carried = configs
+            .targets
+            .first()
+            .map(|config| &config.settings().role);
+        let tolerance = match carried {
+            Some(Configured::Target(target)) => tolerance(target),
+            _ => usual_tolerance(),
+        };
         Ok(Some(Self {
             name: scenario.name.clone(),
             unit: Unit {
@@ -63,6 +73,7 @@ impl SitePlan {
                 metres: scenario.metres_per_unit(),
             },
             limits,
+            tolerance,
             frame: scenario.building_frame(network),
             network: network.clone(),
             number: index as u16 + 1,
@@ -106,11 +117,11 @@ impl SitePlan {
             node.planned = self.frame.zip(placed.place()).zip(placed.heading_deg).map(
                 |((frame, place), heading_deg)| {
                     let place = frame.place(place);
-                    Place {
-                        x: place.x,
-                        y: place.y,
-                        heading_deg: heading_degrees(frame.direction(heading_deg.to_radians())),
-                    }
+                    Place::new(
+                        place.x,
+                        place.y,
+                        heading_degrees(frame.direction(heading_deg.to_radians())),
+                    )
                 },
             );
             node
@@ -118,6 +129,11 @@ impl SitePlan {
         let targets = self.network.targets.iter();
         let targets = targets.map(|target| Node::new(target.id, Role::Target));
         cameras.chain(targets).collect()
+    }
+
+    /// Height of the middle of its ball above the floor, if the file tells it.
+    pub(super) fn ball_height(&self) -> Option<f64> {
+        self.network.targets.first()?.height
     }
 
     /// The outline of where a person can walk, in the frame of the network; empty if it is not known where that is.
@@ -138,6 +154,11 @@ impl SitePlan {
     }
 }
 
+/// What a target is told where no site's file says more.
+pub(super) fn usual_tolerance() -> Tolerance<f64> {
+    tolerance(&TargetConfig::new())
+}
+
 /// The outline of where a person can walk, in a frame; empty where the site's file does not tell it.
 pub fn area(world: &WorldTable, frame: &Frame) -> Vec<[f64; 2]> {
     let usual = WorldTable::default();
@@ -152,11 +173,11 @@ pub fn area(world: &WorldTable, frame: &Frame) -> Vec<[f64; 2]> {
 
 /// Where a frame is in the building.
 pub fn building_place(frame: &Frame) -> Place {
-    Place {
-        x: frame.origin.x,
-        y: frame.origin.y,
-        heading_deg: heading_degrees(calib_core::angle::wrap_positive(frame.heading)),
-    }
+    Place::new(
+        frame.origin.x,
+        frame.origin.y,
+        heading_degrees(calib_core::angle::wrap_positive(frame.heading)),
+    )
 }
 
 /// The outline of an obstacle in a frame.

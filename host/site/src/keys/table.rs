@@ -170,6 +170,7 @@ const REHEARSAL: &[Key] = &[
 
     key("walk.speed", Number(1e-3, 1e3, " units a second"), Is("0.2"), Rehearsal, "How fast."),
     key("walk.arrive_within", Number(1e-4, 1e3, " units"), Is("0.02"), Rehearsal, "A leg ends so near to its goal."),
+    key("walk.bob_sigma", Number(0.0, 1e3, " units"), Is("0"), Rehearsal, "Standard deviation of the height at which the ball is carried, drawn anew for each stop."),
     key("walk.step_length", Number(1e-3, 1e3, " units"), Is("0.1"), Rehearsal, "How far a step goes."),
     key("walk.patience_s", SECONDS, Is("600"), Rehearsal, "How long a target stands without being told to walk on."),
     key("walk.walks", Whole(1.0, 1_000.0, ""), Is("1"), Rehearsal, "How often they walk: each walk visits the stops of the one before, from the last to the first."),

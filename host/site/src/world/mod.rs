@@ -30,7 +30,7 @@
 //!     range: 8.0,
 //!     variant: Variant::Cmucam2,
 //! };
-//! let ball = Target { place: Point2::new(3.0, 0.0), radius: 0.15, colour: [230, 105, 35] };
+//! let ball = Target { place: Point2::new(3.0, 0.0), above: 0.0, radius: 0.15, colour: [230, 105, 35] };
 //! let mut world = World::new(vec![camera], vec![], vec![ball]);
 //! let mut scene = cmucam2_emulator::Scene::default();
 //! world.look(0).paint([110, 110, 110], &mut scene.objects);
@@ -110,15 +110,16 @@ impl Mount {
         roll: 0.0,
     };
 
-    /// A place of the plane of the balls in the axes of the camera, forward, left and up: `azimuth` radians left of its
-    /// heading, so far off on the floor.
-    fn seen(&self, azimuth: f64, distance: f64) -> Vector3<f64> {
+    /// A place so far above the plane of the balls in the axes of the camera, forward, left and up: `azimuth` radians
+    /// left of its heading, so far off on the floor.
+    fn seen(&self, azimuth: f64, distance: f64, above: f64) -> Vector3<f64> {
         let (sin, cos) = azimuth.sin_cos();
         let (ahead, aside) = (distance * cos, distance * sin);
         let (sp, cp) = self.pitch.sin_cos();
         let (sr, cr) = self.roll.sin_cos();
-        let forward = ahead * cp + self.height * sp;
-        let up = ahead * sp - self.height * cp;
+        let height = self.height - above;
+        let forward = ahead * cp + height * sp;
+        let up = ahead * sp - height * cp;
         Vector3::new(forward, aside * cr + up * sr, up * cr - aside * sr)
     }
 }
@@ -128,6 +129,8 @@ impl Mount {
 pub struct Target {
     /// Its middle.
     pub place: Point2<f64>,
+    /// Height of its middle above that at which the balls of its network are carried.
+    pub above: f64,
     /// Its radius.
     pub radius: f64,
     /// Its colour.
@@ -237,6 +240,18 @@ impl World {
             self.target_spots.remove(&Spot::new((*spot).into(), index));
             self.target_spots.insert(Spot::new(place.into(), index));
             *spot = place;
+        }
+    }
+
+    /// Carries a target so much higher than the height told.
+    ///
+    /// # Panics
+    /// There is no such target.
+    pub fn raise_target(&mut self, index: usize, above: f64) {
+        let target = &mut self.targets[index];
+        if target.above != above {
+            target.above = above;
+            self.revision += 1;
         }
     }
 

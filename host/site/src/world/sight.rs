@@ -101,7 +101,7 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
         .iter()
         .filter_map(|&index| {
             let target = &world.targets[index];
-            let ball = Ball::new(camera, target.place, target.radius)?;
+            let ball = Ball::new(camera, target.place, target.above, target.radius)?;
             Some((index, ball))
         })
         .collect();
@@ -160,7 +160,7 @@ pub(super) fn sight(
     place: Point2<f64>,
     radius: f64,
 ) -> Option<Sight> {
-    let ball = Ball::new(camera, place, radius)?;
+    let ball = Ball::new(camera, place, 0.0, radius)?;
     ball.seen(camera, ball.shadows(world, camera))
 }
 
@@ -168,6 +168,7 @@ struct Ball {
     place: Point2<f64>,
     /// On the floor.
     distance: f64,
+    above: f64,
     radius: f64,
     /// Direction on the floor, radians left of the camera's heading.
     azimuth: f64,
@@ -180,11 +181,11 @@ struct Ball {
 
 impl Ball {
     /// `None` out of range or beside the picture.
-    fn new(camera: &Camera, place: Point2<f64>, radius: f64) -> Option<Self> {
+    fn new(camera: &Camera, place: Point2<f64>, above: f64, radius: f64) -> Option<Self> {
         let to = place - camera.place;
         let distance = to.norm();
         let azimuth = wrapped(to.y.atan2(to.x) - camera.heading);
-        let seen = camera.mount.seen(azimuth, distance);
+        let seen = camera.mount.seen(azimuth, distance, above);
         let (elevation, of_rows) = match camera.lens.projection() {
             Projection::PinHole => (seen.z.atan2(seen.x), seen.xz().norm()),
             Projection::EqualAngle => (seen.z.atan2(seen.xy().norm()), seen.norm()),
@@ -192,6 +193,7 @@ impl Ball {
         let ball = Self {
             place,
             distance,
+            above,
             radius,
             azimuth,
             bearing: seen.y.atan2(seen.x),
@@ -224,7 +226,9 @@ impl Ball {
         }
         // Their edges pass through the ball's plane where the ball is.
         let in_picture = |side: f64| {
-            let seen = camera.mount.seen(self.azimuth + side, self.distance);
+            let seen = camera
+                .mount
+                .seen(self.azimuth + side, self.distance, self.above);
             wrapped(seen.y.atan2(seen.x) - self.bearing)
         };
         let turned = shadows.into_iter().map(|shadow| {

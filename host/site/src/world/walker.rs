@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Vector2};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, UnitDisc};
+use rand_distr::{Distribution, StandardNormal, UnitDisc};
 
 use super::Time;
 
@@ -17,6 +17,8 @@ pub struct Gait {
     pub tick: Time,
     /// Most that it may come to stand off a stop: anywhere on the disc of this radius about it, evenly.
     pub arrive_within: f64,
+    /// Standard deviation of the height at which its ball is carried, drawn anew for each stop.
+    pub bob: f64,
     /// Length of one step of its step sensor.
     pub step_length: f64,
     /// It walks on, told or not, after it stood as long as this, nanoseconds.
@@ -40,6 +42,7 @@ impl Default for Gait {
             speed: 0.2,
             tick: 100_000_000,
             arrive_within: 0.02,
+            bob: 0.0,
             step_length: 0.1,
             patience: 600_000_000_000,
         }
@@ -118,6 +121,9 @@ pub struct Walker {
     told: bool,
     mood: Mood,
     random: ChaCha8Rng,
+    /// Height of its ball above that told, at the stop where it stands or stood.
+    above: f64,
+    heights: ChaCha8Rng,
 }
 
 /// Carrier's response to the lamp.
@@ -136,7 +142,11 @@ impl Walker {
     /// It stands at the first of its stops from time 0 on. Without any it stands at the origin.
     pub fn new(gait: Gait, stops: Vec<Point2<f64>>, mut random: ChaCha8Rng) -> Self {
         let first = stops.first().copied().unwrap_or_default();
+        let mut heights = random.clone();
+        heights.set_stream(!heights.get_stream());
         Self {
+            above: height(&gait, &mut heights),
+            heights,
             gait,
             place: near(first, &gait, &mut random),
             stops,
@@ -154,6 +164,11 @@ impl Walker {
     /// Where it is.
     pub fn place(&self) -> Point2<f64> {
         self.place
+    }
+
+    /// Height of its ball above the one told.
+    pub fn above(&self) -> f64 {
+        self.above
     }
 
     /// The stop at which it stands.
@@ -297,6 +312,7 @@ impl Walker {
         *next_tick = now + self.gait.tick;
         if arrived {
             self.stop += 1;
+            self.above = height(&self.gait, &mut self.heights);
             self.state = State::Standing {
                 since: now,
                 leave_at: None,
@@ -309,4 +325,10 @@ impl Walker {
 /// Where it comes to stand for a stop.
 fn near(stop: Point2<f64>, gait: &Gait, random: &mut ChaCha8Rng) -> Point2<f64> {
     stop + Vector2::from(UnitDisc.sample(random)) * gait.arrive_within
+}
+
+/// Height of the ball at a stop, above the one told.
+fn height(gait: &Gait, random: &mut ChaCha8Rng) -> f64 {
+    let drawn: f64 = StandardNormal.sample(random);
+    drawn * gait.bob
 }

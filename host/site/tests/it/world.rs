@@ -40,6 +40,7 @@ fn camera(x: f64, y: f64, degrees: f64, variant: Variant) -> Camera {
 fn ball(x: f64, y: f64) -> Target {
     Target {
         place: p(x, y),
+        above: 0.0,
         radius: 0.15,
         colour: [230, 105, 35],
     }

@@ -392,13 +392,18 @@ impl Steady {
         let (bearing, sigma) = self.bearing(camera, floor);
         let half_width = camera.bearing(self.left) - bearing;
         let seen = Seen::direction(bearing, sigma).wide(half_width);
-        match self.above {
-            Some([top, bottom]) => {
-                let row = (camera.angle(top) + camera.angle(bottom)) * 0.5;
-                seen.above(Elevation::from_radians(camera.elevation(bearing, row)))
-            }
+        match self.elevation(camera, bearing) {
+            Some(elevation) => seen.above(Elevation::from_radians(elevation)),
             None => seen,
         }
+    }
+
+    /// Its direction above the camera's own horizontal plane, of what is seen at this bearing, radians.
+    pub fn elevation<T: Real>(&self, camera: &Camera<T>, bearing: T) -> Option<T> {
+        let edges = self.above?;
+        let real = |value: f32| nalgebra::convert::<f64, T>(f64::from(value));
+        let [top, bottom] = edges.map(|edge| camera.angle(real(edge)));
+        Some(camera.elevation(bearing, (top + bottom) * real(0.5)))
     }
 
     /// The same in any precision: the mean of the angles of its edges from the optical axis, radians,
