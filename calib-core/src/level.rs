@@ -335,7 +335,8 @@ pub fn judge<T: Real>(
     .filter(|found| (found.fit.chi_squared + found.widening.sum()).is_finite())
 }
 
-/// Height, pitch and roll of a camera, with their covariance.
+/// Height, pitch and roll of a camera, with their covariance. The pitch is that of the middle row: an optical axis that is
+/// elsewhere in the picture is not in its variance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hanging<T: Real> {
     /// Height above the ball.

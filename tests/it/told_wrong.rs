@@ -240,6 +240,13 @@ fn what_is_told_wrongly_deceives_no_camera() {
             }
             let counts = count(wrong, stops);
             assert_eq!(counts.deceived, 0, "{wrong}, {stops} stops: {counts:?}");
+            // Of these height, pitch and roll are told, and their sigmas are not too small.
+            let in_space = counts.in_space as f64;
+            let is_told = counts.in_space >= counts.calibrated;
+            assert!(
+                is_told && counts.nees_in_space < 4.5 * in_space,
+                "{wrong}, {stops} stops: {counts:?}"
+            );
             // What is wrong may also be noticed.
             let least = match wrong {
                 Wrong::Nothing => 97,

@@ -12,7 +12,7 @@ use results::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
     Unit, View, heading_degrees,
     sightings::Sightings,
-    space::{Hung, tolerance},
+    space::{Hung, Told},
     summary::Summary,
 };
 use site::{CameraNode, Frame, Network};
@@ -112,7 +112,8 @@ pub(super) fn record(
             node.silent = has_missed(simulation, &entry, arrivals(&entry));
             nodes.push(with_traffic(simulation, node));
         }
-        let tolerance = measured::target_config(simulation, network).map(tolerance);
+        let told = measured::target_config(simulation, network)
+            .map(|target| Told::new(target, Some(network.ball_height)));
         for (place, camera) in network.cameras.iter().enumerate() {
             let mut node = of_network(camera.id, Role::Camera);
             node.reference = network.home.is_none() && references.contains(&place);
@@ -131,9 +132,9 @@ pub(super) fn record(
                         .map(|(target, stop, s)| (*target, *stop, s)),
                 );
             }
-            if let Some(tolerance) = &tolerance {
+            if let Some(told) = &told {
                 let rows = rows(simulation, camera.id, console, &numbers, &targets);
-                node.set_hung(&rows, tolerance, Some(network.ball_height));
+                node.set_hung(&rows, told);
             }
             let view = console.view();
             let member = view.member(node.id);

@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{anyhow, bail};
 use host_sim::probe::{
-    Bearing, View,
+    View,
     display::{Degrees, Height},
     port::{Baud, Clock, Overheard, Port, PortError},
     record::Recording,

@@ -29,6 +29,7 @@ fn tiny() -> RunRecord {
         sigma_y: 0.25,
         sigma_heading_deg: 2.0,
         covariance: [0.25, 0.0, 0.125, 0.0625, 0.0, 4.0],
+        hung: None,
     });
     camera.error = Some(results::record::PoseError::new(0.5, -0.25, 1.0));
     camera.nees = Some(2.25);

@@ -49,6 +49,7 @@ pub(crate) const FIRST: Network = Network {
     building: Some(Place::new(10.0, -4.0, 90.0)),
     pan: Some(0x1234),
     channel: Some(15),
+    ball_height: None,
 };
 /// Sigma of a place that the target believes in.
 const STOP_SIGMA: f64 = 0.01;

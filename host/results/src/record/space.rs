@@ -38,12 +38,29 @@ pub struct HungEstimate {
     pub covariance_in_space: [f64; 21],
 }
 
-/// Accuracy with which cameras are put up level and a ball is carried, as its target is told.
-pub fn tolerance(target: &TargetConfig) -> Tolerance<f64> {
-    let told = target.lens_sigma.tolerance(target.standing_sigma);
-    Tolerance {
-        tilt: told.tilt.into(),
-        bob: told.bob.into(),
+/// Knowledge about the hanging of cameras beforehand, as a target is told.
+#[derive(Clone, Copy, Debug)]
+pub struct Told {
+    tolerance: Tolerance<f64>,
+    /// Standard deviation of the angle between the optical axis and the middle of the picture, radians.
+    principal: f64,
+    /// Height of the ball above the floor.
+    ball_height: Option<f64>,
+}
+
+impl Told {
+    /// As this target is told.
+    pub fn new(target: &TargetConfig, ball_height: Option<f64>) -> Self {
+        let lens = &target.lens_sigma;
+        let told = lens.tolerance(target.standing_sigma);
+        Self {
+            tolerance: Tolerance {
+                tilt: told.tilt.into(),
+                bob: told.bob.into(),
+            },
+            principal: f64::from(lens.principal_deg).to_radians(),
+            ball_height,
+        }
     }
 }
 
@@ -90,14 +107,14 @@ impl Estimate {
         &self,
         mount: Option<&NodeMount>,
         rows: &[Row<f64>],
-        tolerance: &Tolerance<f64>,
-        ball_height: Option<f64>,
+        told: &Told,
     ) -> Option<HungEstimate> {
         let mounting = mount.map_or(Mounting::level(), |mount| Mounting {
             pitch: mount.pitch_deg.to_radians(),
             roll: mount.roll_deg.to_radians(),
         });
-        let found = level::hanging(&self.pose(), rows, mounting, tolerance)?;
+        let mut found = level::hanging(&self.pose(), rows, mounting, &told.tolerance)?;
+        found.covariance.m22 += told.principal * told.principal;
         let degree = 1_f64.to_degrees();
         // (height, pitch, roll), and (x, y, heading).
         let hanging = Matrix3::from_diagonal(&[1.0, degree, degree].into());
@@ -127,7 +144,7 @@ impl Estimate {
         let [sigma_z, sigma_pitch_deg, sigma_roll_deg] = [0, 1, 2].map(|n| own[(n, n)].sqrt());
         let hung = HungEstimate {
             hung: Hung {
-                z: ball_height.unwrap_or_default() + height,
+                z: told.ball_height.unwrap_or_default() + height,
                 pitch_deg: mounting.pitch.to_degrees(),
                 roll_deg: mounting.roll.to_degrees(),
             },
@@ -142,15 +159,10 @@ impl Estimate {
 
 impl Node {
     /// Finds its height, pitch and roll from these rows, and compares them with the truth; after its pose and mounting.
-    pub fn set_hung(
-        &mut self,
-        rows: &[Row<f64>],
-        tolerance: &Tolerance<f64>,
-        ball_height: Option<f64>,
-    ) {
+    pub fn set_hung(&mut self, rows: &[Row<f64>], told: &Told) {
         let mount = self.mount.as_ref();
         if let Some(estimate) = &mut self.estimate {
-            estimate.hung = estimate.hung_by(mount, rows, tolerance, ball_height);
+            estimate.hung = estimate.hung_by(mount, rows, told);
         }
         self.compare_hung();
     }

@@ -9,7 +9,7 @@ use site::coordinator_id;
 
 use super::{
     Member, NetworkView, SitePlan, UNKNOWN_UNIT,
-    site::{usual_limits, usual_tolerance},
+    site::{usual_limits, usually_told},
 };
 use crate::record::{
     self, Believed, FORMAT, Node, Place, Role, RunRecord, Stop, Target, Unit, summary::Summary,
@@ -22,7 +22,7 @@ impl NetworkView {
         let site = site.map(|site| site.with_references(self.references()));
         let site = site.as_ref();
         let mut nodes: Vec<Node> = site.map(SitePlan::nodes).unwrap_or_default();
-        let tolerance = site.map_or_else(usual_tolerance, |site| site.tolerance);
+        let hanging = site.map_or_else(usually_told, |site| site.hanging);
         let ball_height = site.and_then(SitePlan::ball_height);
         for member in self.present() {
             let role = match member.kind {
@@ -38,7 +38,7 @@ impl NetworkView {
             });
             self.describe(now, member, &mut nodes[place]);
             if role == Role::Camera {
-                nodes[place].set_hung(&self.rows(member), &tolerance, ball_height);
+                nodes[place].set_hung(&self.rows(member), &hanging);
             }
         }
         if self.is_silent(now) {

@@ -1,6 +1,5 @@
 //! Facts about a network from a site file, beside those that the network tells itself.
 
-use calib_core::level::Tolerance;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects, TargetConfig},
@@ -8,7 +7,7 @@ use node_firmware::{
 };
 use site::{Frame, NetworkTable, Scenario, ScenarioError, WorldTable, world::Obstacle};
 
-use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees, space::tolerance};
+use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees, space::Told};
 
 /// Corners of a pillar's outline.
 const PILLAR: u8 = 24;
@@ -19,7 +18,7 @@ pub struct SitePlan {
     pub(super) name: String,
     pub(super) unit: Unit,
     pub(super) limits: Limits,
-    pub(super) tolerance: Tolerance<f64>,
+    pub(super) hanging: Told,
     scenario: Scenario,
     network: NetworkTable,
     number: u16,
@@ -58,13 +57,14 @@ impl SitePlan {
             Some(Configured::Camera(camera)) => limits(camera),
             _ => usual_limits(),
         };
+        let ball_height = network.targets.first().and_then(|target| target.height);
         let carried = configs
             .targets
             .first()
             .map(|config| &config.settings().role);
-        let tolerance = match carried {
-            Some(Configured::Target(target)) => tolerance(target),
-            _ => usual_tolerance(),
+        let hanging = match carried {
+            Some(Configured::Target(target)) => Told::new(target, ball_height),
+            _ => usually_told(),
         };
         Ok(Some(Self {
             name: scenario.name.clone(),
@@ -73,7 +73,7 @@ impl SitePlan {
                 metres: scenario.metres_per_unit(),
             },
             limits,
-            tolerance,
+            hanging,
             frame: scenario.building_frame(network),
             network: network.clone(),
             number: index as u16 + 1,
@@ -155,8 +155,8 @@ impl SitePlan {
 }
 
 /// What a target is told where no site's file says more.
-pub(super) fn usual_tolerance() -> Tolerance<f64> {
-    tolerance(&TargetConfig::new())
+pub(super) fn usually_told() -> Told {
+    Told::new(&TargetConfig::default(), None)
 }
 
 /// The outline of where a person can walk, in a frame; empty where the site's file does not tell it.
