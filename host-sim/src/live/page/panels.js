@@ -267,6 +267,7 @@ function showDetail(state, history, chosen) {
     list.shown = key;
     list.replaceChildren(...facts.flatMap(([name, text]) => [element('dt', name), element('dd', text)]));
   }
+  showSide(state.record, node);
   showBlob(state.blobs.get(chosen));
   showSigma(history.nodes, state.seconds, chosen);
   showWords(byId('node-log'), lastWords(history.telling, state.seconds, 40, event => isAbout(event, chosen)));
@@ -289,6 +290,54 @@ function showBlob(blob) {
   context.strokeRect(left * sx, upper * sy, Math.max(2, (right - left) * sx), Math.max(2, (lower - upper) * sy));
   context.fillStyle = colour('ink');
   context.fillRect(blob.middle[0] * sx - 2, blob.middle[1] * sy - 2, 4, 4);
+}
+
+// The camera from the side: its height, its optical axis with two sigmas of its pitch, and the places where it saw the
+// ball, at their distances from it.
+function showSide(record, node) {
+  const pose = node.estimate;
+  byId('side').hidden = pose?.z === undefined;
+  if (byId('side').hidden) return;
+  const ball = record.networks.find(own => own.network === node.network)?.ball_height;
+  const low = ball ?? 0;
+  const stops = node.residuals.map(residual => record.targets.find(target => target.id === residual.target)
+    ?.stops.find(stop => stop.stop === residual.stop)).filter(stop => stop);
+  const places = stops.map(stop => Math.hypot(stop.x - pose.x, stop.y - pose.y));
+  const far = 1.1 * Math.max(1, ...places);
+  const floor = ball === undefined ? low : 0;
+  const high = Math.max(pose.z, low) - floor || 1;
+  const {context, width, height} = canvasOf('side');
+  const scale = Math.min((width - 24) / far, (height - 30) / high);
+  const at = (along, up) => [12 + along * scale, height - 10 - (up - floor) * scale];
+  const line = (from, to) => {
+    context.beginPath();
+    context.moveTo(...from);
+    context.lineTo(...to);
+    context.stroke();
+  };
+  context.lineWidth = 1;
+  context.strokeStyle = colour('faint');
+  if (ball !== undefined) line(at(0, 0), at(far, 0));
+  context.setLineDash([4, 4]);
+  line(at(0, low), at(far, low));
+  context.setLineDash([]);
+  line(at(0, floor), at(0, pose.z));
+  context.strokeStyle = colour(node.status ?? 'waiting');
+  for (const off of [-2, 0, 2]) {
+    const pitch = (pose.pitch_deg + off * pose.sigma_pitch_deg) * DEGREE;
+    context.lineWidth = off ? 1 : 2;
+    line(at(0, pose.z), at(far * Math.cos(pitch), pose.z - far * Math.sin(pitch)));
+  }
+  context.fillStyle = colour('target');
+  for (const place of places) {
+    context.beginPath();
+    context.arc(...at(place, low), 3, 0, 2 * Math.PI);
+    context.fill();
+  }
+  context.fillStyle = colour('faint');
+  context.font = '11px system-ui, sans-serif';
+  const unit = record.unit.name;
+  context.fillText(`from the side: ${digits(pose.z, 2)} ${unit} above ${ball === undefined ? 'the ball' : 'the floor'}`, 20, 12);
 }
 
 function showSigma(events, seconds, id) {
