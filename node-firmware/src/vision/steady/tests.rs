@@ -24,7 +24,14 @@ fn at(column: u8) -> Option<Blob> {
 }
 
 fn last<I: IntoIterator<Item = Option<Blob>>>(blobs: I) -> Result<Steady, Unsteady> {
-    let mut steadiness = Steadiness::<10>::new(10, COLUMNS, ROUND);
+    last_of(ROUND, blobs)
+}
+
+fn last_of<I: IntoIterator<Item = Option<Blob>>>(
+    shape: Shape,
+    blobs: I,
+) -> Result<Steady, Unsteady> {
+    let mut steadiness = Steadiness::<10>::new(10, COLUMNS, shape);
     let judged = blobs.into_iter().map(|blob| steadiness.push(blob));
     judged.last().unwrap_or(Err(Unsteady::Few))
 }
@@ -253,7 +260,12 @@ impl Picture {
     }
 
     fn judge(&self, blob: Option<Blob>) -> Result<(Steady, (f64, f64)), Unsteady> {
-        let steady = last([blob; 10])?;
+        // As nodes know their lens.
+        let shape = Shape::Round {
+            rows_per_column: 2.0,
+            tangent: self.focal.recip() as f32,
+        };
+        let steady = last_of(shape, [blob; 10])?;
         Ok((steady, steady.bearing(&self.camera, 0.0)))
     }
 }
