@@ -141,6 +141,11 @@ impl Console {
         self.0.complete.clone()
     }
 
+    /// Tells lengths in this unit.
+    pub(super) fn tell_in(&self, unit: &str) {
+        self.0.view.borrow_mut().tell_in(unit);
+    }
+
     /// The network as the coordinator has told it.
     pub(super) fn view(&self) -> Ref<'_, NetworkView> {
         self.0.view.borrow()

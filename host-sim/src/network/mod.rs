@@ -258,6 +258,7 @@ impl Simulation {
             let cameras = network.cameras.len();
             let clock = self.executor.clock();
             let console = Console::new(&coordinator, cameras, clock, self.journal.clone());
+            console.tell_in(&self.scenario.unit);
             for (camera, config) in network.cameras.iter().zip(configs.cameras) {
                 let node = Node::camera(self, camera, config, root);
                 self.nodes.push(node);

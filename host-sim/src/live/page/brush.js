@@ -191,7 +191,7 @@ class Brush {
     this.path(way.map(({x, y}) => inSite(record, target.network, x, y)));
     context.stroke();
     context.globalAlpha = 1;
-    for (const stop of target.stops) {
+    for (const [index, stop] of target.stops.entries()) {
       const [x, y] = this.placed(target.network, stop);
       context.fillStyle = this.colours.ground;
       context.strokeStyle = this.colours.target;
@@ -200,7 +200,7 @@ class Brush {
       context.fill();
       context.stroke();
       const number = numbers.get(`${target.id} ${stop.stop}`);
-      if (number) this.word(stop.stop, x + number[0], y + number[1], STOP_FONT, 'faint');
+      if (number) this.word(index + 1, x + number[0], y + number[1], STOP_FONT, 'faint');
     }
   }
 

@@ -45,6 +45,13 @@ function poseOf(record, node) {
   return {...pose, x, y, heading_deg, sigma_x: Math.sqrt(sxx), sigma_y: Math.sqrt(syy)};
 }
 
+// The count of a stop, from 1. A real target begins with a number of its own.
+function stopCount(record, target, stop) {
+  const stops = record?.targets.find(other => other.id === target)?.stops ?? [];
+  const index = stops.findIndex(other => other.stop === stop);
+  return index < 0 ? stops.length + 1 : index + 1;
+}
+
 // The error of a camera's pose along the axes that are drawn.
 function errorOf(record, node) {
   const turn = turned(record, node.network, 0) * DEGREE;

@@ -62,11 +62,11 @@ function labelsOf(brush, record, cameras, places) {
   const stops = new Map();
   const beside = around(-Math.PI / 4, 11);
   for (const target of record.targets) {
-    const known = target.stops.map(stop => ({stop: stop.stop, on: brush.placed(target.network, stop)}));
+    const known = target.stops.map((stop, index) => ({stop: stop.stop, count: index + 1, on: brush.placed(target.network, stop)}));
     for (const {on} of known) labels.symbol(...on, 5);
     // The newest first: of them people want to know.
-    for (const {stop, on} of known.reverse()) {
-      const place = labels.place(stop, STOP_FONT, on, beside);
+    for (const {stop, count, on} of known.reverse()) {
+      const place = labels.place(count, STOP_FONT, on, beside);
       if (place) stops.set(`${target.id} ${stop}`, place);
     }
   }

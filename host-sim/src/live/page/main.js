@@ -28,7 +28,7 @@ function showAll() {
   checklist.show(state, chosen);
   showObjects(byId('objects'), state);
   showDetail(state, eventHistory, chosen);
-  showWords(byId('log'), lastWords(eventHistory.telling, timeline.moment, 60, () => true));
+  showWords(byId('log'), lastWords(state.record, eventHistory.telling, timeline.moment, 60, () => true));
   timeline.show();
   if (state.record) setText(byId('name'), state.record.scenario + (state.record.seed === null ? '' : `, seed ${state.record.seed}`));
   document.body.dataset.seconds = timeline.moment.toFixed(3);

@@ -86,7 +86,7 @@ function cellsOf(record, node, advice) {
     [pose ? `${digits(pose.x, 2)}, ${digits(pose.y, 2)}` : '-', pose !== null],
     [pose ? `\u00b1${digits(Math.hypot(pose.sigma_x, pose.sigma_y), 3)}` : '-', pose !== null],
     [pose ? `${headingWords(pose.heading_deg, 1)}\u00b0` : '-', pose !== null],
-    [isGood && !advice ? 'yes' : isGood ? 'unchecked' : 'no', isGood && !advice],
+    [isGood && !advice ? 'yes' : isGood ? 'not checked' : 'no', isGood && !advice],
   ];
 }
 
@@ -137,6 +137,20 @@ class Checklist {
     for (const [id, row] of this.rows) {
       if (!known.has(id)) { row.remove(); this.rows.delete(id); }
     }
+    this.sort(cameras, advice);
+  }
+
+  // What needs attention comes first.
+  sort(cameras, advice) {
+    const rank = node => (node.silent || node.status !== 'calibrated' ? 0 : advice.has(node.id) ? 1 : 2);
+    const order = cameras.map(node => [rank(node), node.id]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+    const key = order.map(([, id]) => id).join();
+    if (this.order === key) return;
+    this.order = key;
+    // A button that is moved loses the focus.
+    const focused = document.activeElement;
+    this.body.append(...order.map(([, id]) => this.rows.get(id)));
+    if (this.body.contains(focused)) focused.focus({preventScroll: true});
   }
 
   makeRow(id) {
@@ -147,8 +161,7 @@ class Checklist {
     row.append(head);
     for (let i = 0; i < 7; i++) row.append(element('td'));
     row.addEventListener('click', () => this.choose(id));
-    const after = [...this.rows].filter(([other]) => other > id).sort((a, b) => a[0] - b[0])[0];
-    this.body.insertBefore(row, after?.[1] ?? null);
+    this.body.append(row);
     return row;
   }
 }
@@ -174,14 +187,14 @@ function showObjects(table, state) {
 }
 
 // The words of an event for people; nothing for those that only change numbers.
-function eventWords(event) {
+function eventWords(record, event) {
   switch (event.event) {
     case 'said': return (event.node ? `node ${event.node}: ` : '') + event.words;
     case 'command': {
       const state = {asked: 'asked for', done: 'done', failed: 'failed'}[event.state] ?? event.state;
       return `${event.node ? `node ${event.node}: ` : ''}${event.command}: ${state}${event.words ? `: ${event.words}` : ''}`;
     }
-    case 'stop': return event.begins ? `target ${event.target}: stop ${event.is.stop}` : null;
+    case 'stop': return event.begins ? `target ${event.target}: stop ${stopCount(record, event.target, event.is.stop)}` : null;
     case 'node': {
       const node = event.is;
       const what = [];
@@ -203,12 +216,12 @@ function isAbout(event, id) {
 }
 
 // The last words before a moment, newest first.
-function lastWords(events, seconds, most, isMeant) {
+function lastWords(record, events, seconds, most, isMeant) {
   const items = [];
   for (let i = events.length - 1; i >= 0 && items.length < most; i--) {
     const event = events[i];
     if (event.seconds > seconds || !isMeant(event)) continue;
-    const words = eventWords(event);
+    const words = eventWords(record, event);
     if (words) items.push({seconds: event.seconds, words});
   }
   return items;
@@ -251,7 +264,7 @@ function showDetail(state, history, chosen) {
   const advice = state.verdict?.findings.filter(finding => finding.node === chosen).map(finding => finding.words);
   setText(byId('detail-words'), adviceFor(node, advice?.join('; ')) || statusWords(node));
   const residuals = node.residuals.map(residual =>
-    `stop ${residual.stop}: ${digits(residual.residual_deg, 2)}\u00b0 (${digits(residual.normalised, 1)} sigma)`);
+    `stop ${stopCount(state.record, residual.target, residual.stop)}: ${digits(residual.residual_deg, 2)}\u00b0 (${digits(residual.normalised, 1)} sigma)`);
   const error = node.error && errorOf(state.record, node);
   const unit = state.record.unit.name;
   const facts = [
@@ -270,7 +283,7 @@ function showDetail(state, history, chosen) {
   showSide(state.record, node);
   showBlob(state.blobs.get(chosen));
   showSigma(history.nodes, state.seconds, chosen);
-  showWords(byId('node-log'), lastWords(history.telling, state.seconds, 40, event => isAbout(event, chosen)));
+  showWords(byId('node-log'), lastWords(state.record, history.telling, state.seconds, 40, event => isAbout(event, chosen)));
 }
 
 // The frame of the picture is that of the smaller sensor.

@@ -105,7 +105,7 @@ class History {
   push(event) {
     if (event.event === 'begin') this.clear();
     this.events.push(event);
-    if (eventWords(event)) this.telling.push(event);
+    if (eventWords(null, event)) this.telling.push(event);
     if (event.event === 'node' || event.event === 'begin') this.nodes.push(event);
     apply(this.latest, event);
     if (this.events.length % History.checkpointEvery === 0) {

@@ -51,6 +51,8 @@ struct Walk<'a> {
     /// The references first.
     cameras: Vec<&'a Node>,
     known: Redundancy,
+    /// All that its cameras measured is there: without some of it no gain can be foretold.
+    is_whole: bool,
 }
 
 /// Advice about these cameras of a network, none of them a reference, whose poses are not checked.
@@ -109,7 +111,7 @@ pub(super) fn is_weak(camera: &Node, limits: &Limits) -> bool {
 pub(super) fn weak(record: &RunRecord, network: u16, stops: Vec<NextStop>, weak: &[&Node]) -> Weak {
     let foretold = { (!weak.is_empty()).then(|| Walk::longest(record, network, true)) }.flatten();
     let Some((walk, world)) = foretold.and_then(|walk| {
-        let world = walk.world()?;
+        let world = walk.world().filter(|_| walk.is_whole)?;
         Some((walk, world))
     }) else {
         return Weak {
@@ -263,9 +265,12 @@ impl<'a> Walk<'a> {
         let mut cameras: Vec<&Node> = cameras().filter(is_sound).collect();
         cameras.splice(0..0, references);
         let known = survey(record, network, target, &cameras)?.redundancy()?;
+        let is_measured = record.sightings.iter().any(|own| own.network == network);
+        let has_all = |camera: &&Node| camera.residuals.len() >= camera.sightings;
         Some(Self {
             record,
             target,
+            is_whole: is_measured || cameras.iter().skip(2).all(has_all),
             cameras,
             known,
         })
@@ -384,6 +389,9 @@ impl Gain {
 impl Walk<'_> {
     /// Gain of the camera of these that gains most, from one state of knowledge to another.
     fn gain(&self, wishing: &[usize], before: &Redundancy, after: &Redundancy) -> Option<Gain> {
+        if !self.is_whole {
+            return None;
+        }
         let [begun, old, new] = [&self.known, before, after].map(|walk| walk.levels(wishing));
         let gains = { wishing.iter().zip(begun) }
             .zip(old.iter().zip(new))

@@ -170,6 +170,11 @@ pub struct Limits {
 }
 
 impl Protection {
+    /// Returns true if it bounds next to nothing: the camera may look to the other side, too.
+    pub fn is_boundless(&self) -> bool {
+        self.heading_deg >= 90.0
+    }
+
     /// The larger of each.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
@@ -357,7 +362,7 @@ pub struct Place {
     /// Direction of the optical axis, or of the x axis.
     pub heading_deg: f64,
     /// Of a camera in a rehearsal: how it hangs.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "space::flat")]
     pub hung: Option<Hung>,
 }
 
@@ -389,7 +394,7 @@ pub struct Estimate {
     /// Headings in degrees here too.
     pub covariance: [f64; 6],
     /// Height, pitch and roll, where rows tell them.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "space::flat")]
     pub hung: Option<HungEstimate>,
 }
 
@@ -413,7 +418,7 @@ pub struct PoseError {
     /// Signed, in `[-180, 180)`.
     pub heading_deg: f64,
     /// Signed, where both are known.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "space::flat")]
     pub hung: Option<Hung>,
 }
 
@@ -515,6 +520,13 @@ pub struct Attack {
     pub bytes: u64,
     /// Duration of frames and carriers together, as a share of the run's time.
     pub airtime_share: f64,
+}
+
+impl Stop {
+    /// Where it really was.
+    pub fn place(&self) -> Point2<f64> {
+        Point2::new(self.x, self.y)
+    }
 }
 
 impl Believed {
@@ -1016,6 +1028,14 @@ impl RunRecord {
     /// The cameras, by ascending number.
     pub fn cameras(&self) -> impl Iterator<Item = &Node> {
         self.nodes.iter().filter(|node| node.is_camera())
+    }
+
+    /// Returns true if the coordinator of a network never spoke.
+    pub(crate) fn is_unheard(&self, network: u16) -> bool {
+        self.nodes.iter().any(|node| {
+            let is_unheard = node.silent && node.heard_seconds.is_none();
+            node.role == Role::Coordinator && node.network == network && is_unheard
+        })
     }
 
     /// Returns true if there are several networks, each with a frame of its own.

@@ -6,9 +6,26 @@
 use calib_core::level::{self, Mounting, Row, Tolerance};
 use nalgebra::{Isometry2, Matrix3, Matrix6};
 use node_firmware::config::TargetConfig;
-use serde::{Deserialize, Serialize};
+use serde::{
+    Deserialize, Deserializer, Serialize,
+    de::{DeserializeOwned, Error},
+};
 
 use super::{Estimate, Node, NodeMount};
+
+/// Reads fields that stand among those of another structure; `None` where one is missing. Numbers that keep all their
+/// digits (`arbitrary_precision`, which some dependency may switch on) are no numbers to serde's own way.
+pub(super) fn flat<'de, D: Deserializer<'de>, T: DeserializeOwned>(
+    deserializer: D,
+) -> Result<Option<T>, D::Error> {
+    let fields = serde_json::Map::deserialize(deserializer)?;
+    Ok(serde_json::from_value(fields.into()).ok())
+}
+
+/// The same of fields that must be there.
+fn whole<'de, D: Deserializer<'de>, T: DeserializeOwned>(deserializer: D) -> Result<T, D::Error> {
+    flat(deserializer)?.ok_or_else(|| D::Error::custom("z, pitch_deg and roll_deg are missing"))
+}
 
 /// Height, pitch and roll of a camera, or their errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,7 +43,7 @@ pub struct Hung {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HungEstimate {
     /// Best values.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "whole")]
     pub hung: Hung,
     /// Predicted standard deviation.
     pub sigma_z: f64,

@@ -19,7 +19,7 @@ use node_firmware::{
 
 use crate::record::{
     Estimate, Node, NodeLens, NodeMount, NodeMove, Protection,
-    verdict::{half_turn, health_words, move_words, status_words},
+    verdict::{health_words, move_words, status_words},
 };
 
 mod command;
@@ -231,9 +231,9 @@ impl NetworkView {
         self.unit = Some(unit.to_owned());
     }
 
-    /// Returns true if the coordinator has fallen silent: nothing is known of its members from then on.
+    /// Returns true if the coordinator is silent, or never spoke: nothing is known of its members from then on.
     pub fn is_silent(&self, now: Duration) -> bool {
-        { self.spoke }.is_some_and(|spoke| now.saturating_sub(spoke) >= SILENCE)
+        now.saturating_sub(self.spoke.unwrap_or_default()) >= SILENCE
     }
 
     /// Takes note that something came damaged: answers may have been lost with it, and are waited for anew.
@@ -600,11 +600,14 @@ impl fmt::Display for Progress<'_> {
                 position,
                 heading_deg,
             } = level;
-            write!(
-                f,
-                "; one unnoticed wrong measurement moves it by {position:.2} {unit} and turns it by {:.1} deg at most",
-                half_turn(heading_deg)
-            )?;
+            f.write_str("; one unnoticed wrong measurement ")?;
+            match level.is_boundless() {
+                true => f.write_str("may put it anywhere")?,
+                false => write!(
+                    f,
+                    "moves it by {position:.2} {unit} and turns it by {heading_deg:.1} deg at most"
+                )?,
+            }
         }
         if let Some(report) = member.report {
             write!(f, "; {} sightings", report.sightings)?;

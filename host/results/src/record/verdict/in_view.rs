@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use calib_core::angle;
 use nalgebra::{Point2, Vector2};
 
-use super::super::{Node, RunRecord};
+use super::super::{Node, RunRecord, Stop};
 
 /// Part of the target's way that a camera has in view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +21,10 @@ pub enum InView {
     Unknown,
 }
 
+/// Part of its view in which a camera sees a whole ball for certain.
+const WHOLE: f64 = 0.9;
+/// Time within which cameras tell what they saw at a stop, seconds.
+const TOLD_WITHIN: f64 = 15.0;
 /// Squares of the floor in one range of the camera.
 const SQUARES: f64 = 16.0;
 /// Squares of the floor at most, along each side.
@@ -33,13 +37,10 @@ pub(super) fn of(record: &RunRecord, camera: &Node) -> InView {
     let (Some(place), Some(view)) = (camera.truth.or(camera.planned), camera.view) else {
         return InView::Unknown;
     };
-    let targets = record
-        .targets
-        .iter()
-        .filter(|t| t.network == camera.network);
-    let way: Vec<Point2<f64>> = targets
+    let targets = || { record.targets.iter() }.filter(|t| t.network == camera.network);
+    let way: Vec<Point2<f64>> = targets()
         .flat_map(|target| {
-            let stops = target.stops.iter().map(|stop| Point2::new(stop.x, stop.y));
+            let stops = target.stops.iter().map(Stop::place);
             let path = target.path.iter().map(|&place| Point2::from(place));
             stops.chain(path)
         })
@@ -50,17 +51,30 @@ pub(super) fn of(record: &RunRecord, camera: &Node) -> InView {
     let edges = edges(&record.obstacles_of(camera.network));
     let (eye, heading) = (place.position(), place.heading_deg.to_radians());
     let half = (view.fov_deg / 2.0).to_radians();
-    let sees = |place: Point2<f64>| {
+    let sees = |place: Point2<f64>, part: f64| {
         let d: Vector2<f64> = place - eye;
-        d.norm() < view.range
-            && angle::wrap_signed(d.y.atan2(d.x) - heading).abs() < half
+        d.norm() < part * view.range
+            && angle::wrap_signed(d.y.atan2(d.x) - heading).abs() < part * half
             && is_free(&edges, eye, place)
     };
-    // A stop stands in both lists where it was made.
-    let mut seen: Vec<_> = way.iter().copied().filter(|&place| sees(place)).collect();
-    seen.dedup_by(|a, b| (*a - *b).norm() < 0.05 * view.range);
+    // A stop stands in both lists where it was made. Of the one where the target stands, cameras may tell yet.
+    let stands = |stop: &Stop| {
+        stop.seconds
+            .is_some_and(|at| record.sim_seconds - at < TOLD_WITHIN)
+    };
+    let stops = targets().flat_map(|target| &target.stops);
+    let now: Vec<_> = stops.filter(|stop| stands(stop)).map(Stop::place).collect();
+    let is_one = |a: Point2<f64>, b: Point2<f64>| (a - b).norm() < 0.05 * view.range;
+    let mut seen: Vec<Point2<f64>> = Vec::new();
+    for &place in way.iter().filter(|&&place| sees(place, WHOLE)) {
+        let is_known = seen.iter().chain(&now).any(|&other| is_one(place, other));
+        seen.extend((!is_known).then_some(place));
+    }
     if !seen.is_empty() {
         return InView::Stops(seen.len());
+    }
+    if !now.is_empty() {
+        return InView::Unknown;
     }
     let floor = Floor::around(&way, eye, view.range, &edges);
     let reached = floor.reached(&way);
@@ -69,7 +83,7 @@ pub(super) fn of(record: &RunRecord, camera: &Node) -> InView {
         let ray = Vector2::new(cos, sin) * view.range;
         (1..PARTS).map(move |part| eye + ray * (f64::from(part) / f64::from(PARTS)))
     });
-    if places.any(|place| sees(place) && floor.square(place).is_some_and(|n| reached[n])) {
+    if places.any(|place| sees(place, 1.0) && floor.square(place).is_some_and(|n| reached[n])) {
         InView::Elsewhere
     } else {
         InView::Sealed

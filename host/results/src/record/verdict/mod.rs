@@ -326,7 +326,13 @@ impl Verdict {
                 by_camera.entry(camera).or_default().push(trouble);
             }
         }
-        for camera in record.cameras().filter(|camera| camera.expected) {
+        // Of members of a coordinator that never spoke nothing is known.
+        let is_told = |node: &&Node| !record.is_unheard(node.network);
+        for camera in record
+            .cameras()
+            .filter(|camera| camera.expected)
+            .filter(is_told)
+        {
             let troubles = troubles(record, &networks, camera);
             if !troubles.is_empty() {
                 by_camera.entry(camera.id).or_default().extend(troubles);
@@ -393,7 +399,7 @@ impl Verdict {
                 || common.iter().any(|c| matches!(c, Common::Overconfident(_))),
             common,
             absent: others()
-                .filter(|node| is_target(node) && node.never_joined())
+                .filter(|node| is_target(node) && node.never_joined() && is_told(node))
                 .map(|target| target.id)
                 .collect(),
             silent: others()
@@ -645,7 +651,8 @@ impl Networks {
     fn missing(&self, record: &RunRecord) -> impl Iterator<Item = u16> {
         let cameras = record.cameras().filter(|camera| {
             let is_awaited = camera.reference && self.unanswered.contains(&camera.network);
-            is_awaited && camera.estimate.is_none() && is_gone(camera)
+            let is_told = !record.is_unheard(camera.network);
+            is_awaited && camera.estimate.is_none() && is_gone(camera) && is_told
         });
         cameras.map(|camera| camera.id)
     }

@@ -291,11 +291,13 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
                 heading_deg,
             } = level;
             let not = if is_tolerated { "" } else { "not " };
-            format!(
-                "{not}checked: one wrong measurement that was not noticed could move it by \
-                 {position:.2} {unit} and turn it by {:.1} deg",
-                half_turn(*heading_deg)
-            )
+            let could = match level.is_boundless() {
+                true => "put it anywhere".to_owned(),
+                false => {
+                    format!("move it by {position:.2} {unit} and turn it by {heading_deg:.1} deg")
+                }
+            };
+            format!("{not}checked: one wrong measurement that was not noticed could {could}")
         }
         None => "not checked: no target has estimated it together with the others".to_owned(),
     }
@@ -676,10 +678,10 @@ impl Verdict {
             counts += &format!(", {checked} of {checkable} poses are checked");
         }
         counts
-            + if self.has_nothing_to_tell() {
-                "; nothing is left to do."
-            } else {
-                "."
+            + match self.has_nothing_to_tell() {
+                true if *expected == 0 => ": none is known yet.",
+                true => "; nothing is left to do.",
+                false => ".",
             }
     }
 
@@ -697,11 +699,16 @@ impl Verdict {
         let (coordinators, silent): (Vec<&_>, Vec<&_>) =
             { self.silent.iter() }.partition(|(_, who, _)| *who == Role::Coordinator);
         problems.extend(coordinators.into_iter().map(|(id, _, since)| {
-            let since = since.map_or_else(String::new, |since| format!(" since {since:.0} s"));
-            format!(
-                "coordinator {id}: nothing comes on its line{since}: check its cable and its power; everything \
-                 else is from before"
-            )
+            match since {
+                Some(since) => format!(
+                    "coordinator {id}: nothing comes on its line since {since:.0} s: check its cable and its power; \
+                     everything else is from before"
+                ),
+                None => format!(
+                    "coordinator {id}: nothing has come on its line: check that this is its port, its cable and its \
+                     power"
+                ),
+            }
         }));
         problems.extend(
             self.common
