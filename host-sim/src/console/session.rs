@@ -203,6 +203,7 @@ pub struct Session {
     text: usize,
     /// Number of frames that were no messages.
     damaged: u64,
+    harm: Harm,
     /// The last byte ended a frame, or none has come.
     is_between: bool,
     failed: Option<Failure>,
@@ -214,6 +215,36 @@ pub struct Session {
     patience_from: Duration,
     /// Events that the view does not contain.
     happened: VecDeque<What>,
+}
+
+/// Damaged messages of late.
+#[derive(Debug, Default)]
+struct Harm {
+    since: Duration,
+    count: usize,
+    told: Option<Duration>,
+}
+
+/// Time within which damaged messages are counted, and number of them that is told.
+const HARM: (Duration, usize) = (Duration::from_secs(30), 5);
+
+impl Harm {
+    /// Counts one. Returns news once there are many, and again while it goes on.
+    fn counted(&mut self, now: Duration) -> Option<News> {
+        let (within, many) = HARM;
+        let is_over = |at: Duration| now.saturating_sub(at) > within;
+        if is_over(self.since) {
+            (self.since, self.count) = (now, 0);
+        }
+        self.count += 1;
+        let is_due = self.count >= many && self.told.is_none_or(is_over);
+        is_due.then(|| {
+            self.told = Some(now);
+            let news = "messages come damaged: what is told of nodes may be of before; check the cable, its length and \
+                        its plugs";
+            News::Trouble(news.to_owned())
+        })
+    }
 }
 
 /// Number of events that are kept at once: no reader needs more.
@@ -235,6 +266,7 @@ impl Session {
             bytes: 0,
             text: 0,
             damaged: 0,
+            harm: Harm::default(),
             is_between: true,
             failed: None,
             news: VecDeque::new(),
@@ -302,7 +334,10 @@ impl Session {
                 Some(message) => self.take(now, &message),
                 // The end of a frame that was none.
                 None if byte == 0 => {
-                    self.damaged += u64::from(!self.is_between);
+                    if !self.is_between {
+                        self.damaged += 1;
+                        self.news.extend(self.harm.counted(now));
+                    }
                     self.known.missed(now);
                 }
                 None => {}
@@ -1018,6 +1053,23 @@ mod tests {
         session.heard(at(1_400), b"\0");
         tell(&mut session, 1_500, &[NETWORK]);
         assert_eq!((session.damaged(), session.damaged()), (1, 0));
+    }
+
+    /// One damaged message is asked for again in silence.
+    #[test]
+    fn a_line_that_damages_messages_is_named() {
+        let mut session = listed(&[]);
+        while session.news().is_some() {}
+        let mut told = |seconds: u64| {
+            session.heard(at(2_000 + 1_000 * seconds), b"noise\0");
+            session.news().is_some()
+        };
+        assert!(!(0..4).any(&mut told));
+        assert!(told(4));
+        assert!(!(5..30).any(&mut told));
+        // It goes on.
+        assert!((30..70).any(&mut told));
+        assert!(!(200..204).any(&mut told));
     }
 
     /// Users are told in the words that they type.

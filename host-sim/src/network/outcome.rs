@@ -291,6 +291,7 @@ fn sightings(
     let sightings = kept().filter_map(|sighting| {
         let target = view.id_of(sighting.target)?;
         let stop = *numbers.get(&(target, sighting.stop))?;
+        let seen = report.map_or(Some(sighting.seen), |report| report.upright(sighting.seen))?;
         let place = &sighting.place;
         let own = match common {
             Some(common) if common.target == sighting.target && !is_joint => {
@@ -300,8 +301,8 @@ fn sightings(
         };
         let sighting = Sighting {
             target: place.position().cast(),
-            ray: calib_core::Ray::from_bearing(f64::from(sighting.seen.bearing)),
-            bearing_sigma: sighting.seen.sigma.into(),
+            ray: calib_core::Ray::from_bearing(f64::from(seen.bearing)),
+            bearing_sigma: seen.sigma.into(),
             target_covariance: own.cast(),
         };
         Some((target, stop, sighting))

@@ -445,7 +445,8 @@ pub struct Residual {
     pub target: u16,
     /// At which of its stops.
     pub stop: u32,
-    /// Where it was seen, positive to the left of the optical axis.
+    /// Where it was seen, positive to the left of the optical axis; of a camera that is not level as a level one in its
+    /// place would see it.
     pub bearing_deg: f64,
     /// Bearing foretold by the estimate minus the one seen; `null` without an estimate.
     pub residual_deg: Option<f64>,

@@ -12,7 +12,7 @@ use node_firmware::{
     console::{KeyChangeReport, NetworkInfo, ToPc},
     message::{
         CameraState, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report,
-        SitePlace,
+        Seen, SitePlace,
     },
     role::{CONTRADICTION, COORDINATOR, contradiction},
 };
@@ -116,6 +116,12 @@ impl Member {
     pub fn status(&self) -> Status {
         self.report
             .map_or(Status::Waiting, |report| report.status())
+    }
+
+    /// Direction that it sees, as a level camera in its place would; `None` without the row of one that is not level.
+    pub(crate) fn upright(&self, seen: Seen) -> Option<Seen> {
+        self.report
+            .map_or(Some(seen), |report| report.upright(seen))
     }
 
     /// Why it has no pose.

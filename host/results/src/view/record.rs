@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use calib_core::{Ray, Sighting, level::Row};
 use nalgebra::{Matrix2, Point2};
-use node_firmware::message::{Duty, ListedSighting, MemberKind, SitePlace};
+use node_firmware::message::{Duty, ListedSighting, MemberKind, Seen, SitePlace};
 use site::coordinator_id;
 
 use super::{
@@ -108,7 +108,8 @@ impl NetworkView {
             let sightings: Vec<_> = told
                 .iter()
                 .filter_map(|(view, told)| {
-                    Some((view.id_of(told.target)?, told.stop, sighting(told)))
+                    let seen = member.upright(told.seen)?;
+                    Some((view.id_of(told.target)?, told.stop, sighting(told, &seen)))
                 })
                 .collect();
             if !sightings.is_empty() {
@@ -226,12 +227,12 @@ fn each_axis(told: &ListedSighting) -> f64 {
     f64::from(told.position_sigma) / 2_f64.sqrt()
 }
 
-fn sighting(told: &ListedSighting) -> Sighting<f64> {
+fn sighting(told: &ListedSighting, seen: &Seen) -> Sighting<f64> {
     let sigma = each_axis(told);
     Sighting {
         target: Point2::from(told.position.map(f64::from)),
-        ray: Ray::from_bearing(f64::from(told.seen.bearing)),
-        bearing_sigma: told.seen.sigma.into(),
+        ray: Ray::from_bearing(f64::from(seen.bearing)),
+        bearing_sigma: seen.sigma.into(),
         target_covariance: Matrix2::identity() * (sigma * sigma),
     }
 }
