@@ -12,9 +12,10 @@ use std::{
 use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
 use host_sim::live::{Editing, Editor, Judged, SiteFile, serve_editor};
-use site::{BUILT_IN, FILE_MAX};
+use site::{BUILT_IN, FILE_MAX, nearest};
 
 use super::{
+    errors::near_file,
     file_name,
     files::{Files, place},
     interrupt,
@@ -187,15 +188,21 @@ impl SiteFile for Kept {
     }
 }
 
-/// Adds a hint to the error of a missing file: a user has no file before the first save.
+/// Adds a hint to the error of a missing file: the site that was probably meant, or a way to begin, for a user has no
+/// file before the first save.
 fn how_to_begin(name: &str, error: anyhow::Error) -> anyhow::Error {
     let is_missing = |cause: &io::Error| cause.kind() == io::ErrorKind::NotFound;
-    match error.downcast_ref().is_some_and(is_missing) {
-        true => anyhow!(
+    if !error.downcast_ref().is_some_and(is_missing) {
+        return error;
+    }
+    let built_in = nearest(name, BUILT_IN.map(|(known, _)| known)).map(str::to_owned);
+    let meant = built_in.or_else(|| near_file(Path::new(name)).map(|near| file_name(&near)));
+    match meant {
+        Some(meant) => anyhow!("there is no file {name}: did you mean `{meant}`?"),
+        None => anyhow!(
             "there is no file {name}: begin with a site that is built in, as `host-sim edit office \
              --save my-site.toml` does"
         ),
-        false => error,
     }
 }
 
