@@ -195,9 +195,11 @@ fn how_to_begin(name: &str, error: anyhow::Error) -> anyhow::Error {
     if !error.downcast_ref().is_some_and(is_missing) {
         return error;
     }
-    let built_in = nearest(name, BUILT_IN.map(|(known, _)| known)).map(str::to_owned);
-    let meant = built_in.or_else(|| near_file(Path::new(name)).map(|near| file_name(&near)));
-    match meant {
+    let path = Path::new(name);
+    let is_path = path.extension().is_some() || path.components().count() > 1;
+    let built_in = || nearest(name, BUILT_IN.map(|(known, _)| known)).filter(|_| !is_path);
+    let near = near_file(path).map(|near| file_name(&near));
+    match near.or_else(|| built_in().map(str::to_owned)) {
         Some(meant) => anyhow!("there is no file {name}: did you mean `{meant}`?"),
         None => anyhow!(
             "there is no file {name}: begin with a site that is built in, as `host-sim edit office \

@@ -97,12 +97,9 @@ fn parse() -> Cli {
     parsed.unwrap_or_else(|error| suggest(error, env::args()).exit())
 }
 
-/// Adds the command that was probably meant, where the parser knows none that is like it.
+/// Adds the command that was probably meant: the parser knows fewer slips.
 fn suggest(mut error: clap::Error, words: impl Iterator<Item = String>) -> clap::Error {
-    let is_suggested = error.get(ContextKind::SuggestedSubcommand).is_some();
-    if let Some(ContextValue::String(wrong)) = error.get(ContextKind::InvalidSubcommand)
-        && !is_suggested
-    {
+    if let Some(ContextValue::String(wrong)) = error.get(ContextKind::InvalidSubcommand) {
         let mut here = command();
         for word in words.skip(1).take_while(|word| word != wrong) {
             here = here.find_subcommand(word).cloned().unwrap_or(here);
@@ -264,6 +261,45 @@ mod tests {
             }
         }
         assert!(count > 20, "{count} commands");
+    }
+
+    /// A value's parser and its field have one type: otherwise the program panics.
+    #[test]
+    fn every_default_has_the_type_of_its_field() {
+        for words in [
+            &["probe", "--port", "x", "--first-column", "0"][..],
+            &["probe", "--port", "x", "--tag", "3", "--count", "2"],
+            &["camera", "--pty", "x", "--baud", "19200"],
+            &[
+                "console",
+                "--port",
+                "x",
+                "--join-window",
+                "3",
+                "--remove",
+                "4",
+            ],
+            &["keygen"],
+            &["live", "lab", "--http-port", "8080", "--listen", "::1"],
+            &[
+                "provision",
+                "--id=3",
+                "--channels=11,12",
+                "--tx-power=-4",
+                "--columns=88",
+                "--motion=9",
+            ],
+            &[
+                "update", "--port", "x", "--image", "y", "--key", "z", "--node", "3",
+            ],
+            &["solve", "x.csv", "--fov-deg", "60", "--columns", "88"],
+        ] {
+            let matches = command().try_get_matches_from([&["host-sim"], words].concat());
+            assert!(
+                Cli::from_arg_matches(&matches.unwrap()).is_ok(),
+                "{words:?}"
+            );
+        }
     }
 
     #[test]

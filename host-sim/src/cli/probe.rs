@@ -70,13 +70,13 @@ pub(super) struct Arguments {
     /// The signature that a Pixy or an OpenMV Cam was taught and that is looked for.
     #[arg(
         long, value_name = "N", default_value_t = 1,
-        value_parser = values::whole(1, 7)
+        value_parser = values::whole(1, 7_u8)
     )]
     signature: u8,
     /// The number of the tag that is looked for, with `--camera openmv-tags`.
     #[arg(
         long, value_name = "N", default_value_t = 0,
-        value_parser = values::whole(0, 999)
+        value_parser = values::whole(0, 999_u16)
     )]
     tag: u16,
     /// Rate that the camera's jumpers select, or that is set in another one; `auto` tries all usual rates.
@@ -137,7 +137,7 @@ pub(super) struct Arguments {
     /// below.
     #[arg(
         long, value_name = "0|1", help_heading = "Camera, for bearings",
-        value_parser = values::whole(0, 1)
+        value_parser = values::whole(0, 1_u8)
     )]
     first_column: Option<u8>,
     #[command(flatten, next_help_heading = "Camera, for bearings")]
