@@ -48,7 +48,7 @@ pub enum VideoError {
     #[error("after {0} pictures comes something that is none")]
     Damaged(u64),
     /// The operating system's answer.
-    #[error(transparent)]
+    #[error("it cannot be read")]
     Io(#[from] io::Error),
 }
 

@@ -20,7 +20,7 @@ pub(super) struct CameraOptions {
     #[arg(long, value_name = "DEGREES", value_parser = values::positive)]
     fov_deg: Option<f64>,
     /// Number of columns of the camera [default: 88, or those of a live camera's sensor].
-    #[arg(long, value_name = "N", requires = "fov_deg")]
+    #[arg(long, value_name = "N", requires = "fov_deg", value_parser = values::whole(0, u16::MAX))]
     columns: Option<u16>,
     /// Projection of the lens: how it spreads directions over the columns.
     #[arg(long, value_enum, default_value_t, requires = "fov_deg")]

@@ -28,13 +28,13 @@ use results::{
 use site::{BUILT_IN, Overrides, Scenario, key_file, nearest};
 
 use super::{
-    and, end, file_name,
+    OfFile, and, end,
     files::Files,
     happenings::{Happenings, HappeningsOptions},
     interrupt,
     lines::{Ended, Line, Lines},
     log_options::LogOptions,
-    print,
+    of_site, print,
     run_outputs::{FOR_RESULTS, RecordOutputs},
     tell, values,
 };
@@ -53,10 +53,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DEV", required = true)]
     port: Vec<String>,
     /// Bits per second.
-    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = values::whole(1, u32::MAX))]
     baud: u32,
     /// Stop after so many seconds.
-    #[arg(long, value_name = "N", value_parser = values::seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::seconds)]
     seconds: Option<Duration>,
     /// Stop when every camera is calibrated, of --site all that it names; exit code 1 if --seconds are
     /// over before.
@@ -76,10 +76,10 @@ pub(super) struct Arguments {
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     happenings: HappeningsOptions,
     /// Let new nodes join for so long; 0 lets none join.
-    #[arg(long, value_name = "SECONDS", help_heading = "Things to do")]
+    #[arg(long, value_name = "SECONDS", help_heading = "Things to do", value_parser = values::whole(0, u16::MAX))]
     join_window: Option<u16>,
     /// Send a member away: its place is free then. Can be given several times.
-    #[arg(long, value_name = "ID", help_heading = "Things to do")]
+    #[arg(long, value_name = "ID", help_heading = "Things to do", value_parser = values::whole(1, u16::MAX))]
     remove: Vec<u16>,
     /// Give all members the site key of this file, made by `host-sim keygen --index N`.
     #[arg(long, value_name = "FILE", help_heading = "Things to do")]
@@ -230,6 +230,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             code = u8::from(!calibrated);
             let screen = arguments.outputs.screen(record, &verdict);
             ended = and(ended, print(&format!("\n{screen}")).map_err(Into::into));
+            if site.is_none() {
+                tell(
+                    "the unit is not known, and no next stop can be named: `--site FILE.toml` tells both",
+                );
+            }
         }
         ended = and(ended, happenings.finish(result.as_ref().ok()));
         let written =
@@ -261,8 +266,7 @@ fn wishes(arguments: &Arguments, site: Option<&Scenario>) -> anyhow::Result<Vec<
         .collect();
     wishes.extend(arguments.remove.iter().copied().map(Wish::Remove));
     if let Some(path) = &arguments.change_key {
-        let key = key_file::read(path)
-            .with_context(|| format!("{} gives no site key", file_name(path)))?;
+        let key = key_file::read(path).with_context(|| OfFile::named(path))?;
         wishes.push(Wish::ChangeKey(key));
     }
     wishes.extend(arguments.change_pan.then_some(Wish::ChangePan));
@@ -288,10 +292,10 @@ pub(super) fn check_ports(ports: &[String]) -> anyhow::Result<()> {
 }
 
 pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
-    let site = Scenario::load(name, &Overrides::default())?;
+    let site = Scenario::load(name, &Overrides::default());
     // Errors in it are told before any waiting.
-    SitePlan::new(&site, &[])?;
-    Ok(site)
+    let checked = site.and_then(|site| SitePlan::new(&site, &[]).map(|_| site));
+    checked.map_err(|error| of_site(name, error))
 }
 
 /// Returns true if all cameras of the site are calibrated.

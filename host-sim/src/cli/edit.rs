@@ -12,9 +12,10 @@ use std::{
 use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
 use host_sim::live::{Editing, Editor, Judged, SiteFile, serve_editor};
-use site::{BUILT_IN, FILE_MAX};
+use site::{BUILT_IN, FILE_MAX, nearest};
 
 use super::{
+    errors::near_file,
     file_name,
     files::{Files, place},
     interrupt,
@@ -187,15 +188,23 @@ impl SiteFile for Kept {
     }
 }
 
-/// Adds a hint to the error of a missing file: a user has no file before the first save.
+/// Adds a hint to the error of a missing file: the site that was probably meant, or a way to begin, for a user has no
+/// file before the first save.
 fn how_to_begin(name: &str, error: anyhow::Error) -> anyhow::Error {
     let is_missing = |cause: &io::Error| cause.kind() == io::ErrorKind::NotFound;
-    match error.downcast_ref().is_some_and(is_missing) {
-        true => anyhow!(
+    if !error.downcast_ref().is_some_and(is_missing) {
+        return error;
+    }
+    let path = Path::new(name);
+    let is_path = path.extension().is_some() || path.components().count() > 1;
+    let built_in = || nearest(name, BUILT_IN.map(|(known, _)| known)).filter(|_| !is_path);
+    let near = near_file(path).map(|near| file_name(&near));
+    match near.or_else(|| built_in().map(str::to_owned)) {
+        Some(meant) => anyhow!("there is no file {name}: did you mean `{meant}`?"),
+        None => anyhow!(
             "there is no file {name}: begin with a site that is built in, as `host-sim edit office \
              --save my-site.toml` does"
         ),
-        false => error,
     }
 }
 

@@ -10,7 +10,11 @@ use std::{
 use anyhow::{Context, bail, ensure};
 use site::durable::folder_of;
 
-use super::file_name;
+use super::{
+    OfFile,
+    errors::{IS_FOLDER, file_in_the_way},
+    file_name,
+};
 
 /// Links that are followed from one to the next.
 const LINKS_MAX: usize = 40;
@@ -189,12 +193,12 @@ fn resolved(file: &Path) -> PathBuf {
 }
 
 fn check_file(file: &Path) -> anyhow::Result<()> {
-    try_file(file).with_context(|| format!("{} cannot be written", file_name(file)))
+    try_file(file).with_context(|| OfFile::unwritten(file))
 }
 
 fn try_file(file: &Path) -> anyhow::Result<()> {
     match fs::metadata(file) {
-        Ok(found) if found.is_dir() => bail!("it is a folder"),
+        Ok(found) if found.is_dir() => bail!(IS_FOLDER),
         Ok(found) if found.is_file() => {
             OpenOptions::new().append(true).open(file)?;
             Ok(())
@@ -203,11 +207,7 @@ fn try_file(file: &Path) -> anyhow::Result<()> {
         Ok(_) => Ok(()),
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let folder = folder_of(file);
-            ensure!(
-                folder.is_dir(),
-                "there is no folder {}: make it first",
-                file_name(folder)
-            );
+            ensure!(folder.is_dir(), error);
             try_folder(folder)
         }
         Err(error) => Err(error.into()),
@@ -220,10 +220,9 @@ fn check_folder(folder: &Path) -> anyhow::Result<()> {
     while !existing.exists() {
         existing = folder_of(existing);
     }
-    let checked = if existing.is_dir() {
-        try_folder(existing)
-    } else {
-        Err(anyhow::anyhow!("{} is no folder", file_name(existing)))
+    let checked = match file_in_the_way(existing) {
+        Some(why) => Err(anyhow::anyhow!(why)),
+        None => try_folder(existing),
     };
     checked.with_context(|| format!("nothing can be written into {}", file_name(folder)))
 }

@@ -15,7 +15,7 @@ use results::record::{
     event::{Event, Looker, What},
 };
 
-use super::{and, file_name, files::Files, late::Late, values};
+use super::{OfFile, and, files::Files, late::Late, values};
 
 /// Files to write.
 #[derive(Args)]
@@ -54,8 +54,7 @@ impl Happenings {
     /// Makes the folder, if one is wanted.
     pub(super) fn new(options: &HappeningsOptions) -> anyhow::Result<Self> {
         if let Some(folder) = &options.tracked {
-            fs::create_dir_all(folder)
-                .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
+            fs::create_dir_all(folder).with_context(|| OfFile::unmade(folder))?;
         }
         Ok(Self {
             looker: Looker::default(),

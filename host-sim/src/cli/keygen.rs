@@ -15,7 +15,7 @@ pub(super) struct Arguments {
     #[arg(default_value = "site.sitekey", value_parser = values::result())]
     file: PathBuf,
     /// The index by which frames name the key; the next key of a site needs another one.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..), allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = values::whole(1, u8::MAX))]
     index: u8,
     /// Draws the key that signs images for `host-sim update`, instead. Nodes get its public key with their pages.
     #[arg(long, requires = "file", conflicts_with = "index")]

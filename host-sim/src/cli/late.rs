@@ -13,7 +13,7 @@ use anyhow::Context;
 use site::durable::{folder_of, sync_folder};
 use tracing::{debug, error};
 
-use super::file_name;
+use super::{OfFile, file_name};
 
 /// A file that is made at the first write: a run that cannot begin makes none. Each write goes to
 /// the file at once, so that whole lines and packets are there however the program ends. After an
@@ -49,7 +49,7 @@ impl Late {
                 Err(mem::replace(error, kind.into()))
             }
         };
-        done.with_context(|| format!("{} cannot be written", file_name(&self.path)))
+        done.with_context(|| OfFile::unwritten(&self.path))
     }
 
     /// State after an error. It is told at once, for the end of the command may be months away.

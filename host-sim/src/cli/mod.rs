@@ -1,23 +1,28 @@
 //! Command line: what people type, and what they are told.
 
 use std::{
-    fmt,
+    env, fmt,
     io::{self, Write},
     path::Path,
     process::ExitCode,
 };
 
-use anyhow::{Context, anyhow};
-use clap::{Parser, Subcommand};
+use anyhow::Context;
+use clap::{
+    CommandFactory, FromArgMatches, Parser, Subcommand,
+    error::{ContextKind, ContextValue},
+};
 use radio_update::package::{Key, public_key};
-use results::recorded::ReadError;
-use site::key_file;
+use site::{key_file, nearest};
+
+use errors::{OfFile, complain, of_file, of_site, with_causes};
 
 mod camera;
 mod camera_options;
 mod console;
 mod edit;
 mod end;
+mod errors;
 mod files;
 mod flash;
 mod happenings;
@@ -75,9 +80,42 @@ enum Command {
     Update(update::Arguments),
 }
 
+/// The command line. A number below zero is a value everywhere, so that its option tells what it may be.
+fn command() -> clap::Command {
+    fn with_numbers(command: clap::Command) -> clap::Command {
+        command
+            .allow_negative_numbers(true)
+            .mut_subcommands(with_numbers)
+    }
+    with_numbers(Cli::command())
+}
+
+/// Takes the words of the command line, or ends the program with what is wrong with them.
+fn parse() -> Cli {
+    let parsed = command().try_get_matches();
+    let parsed = parsed.and_then(|matches| Cli::from_arg_matches(&matches));
+    parsed.unwrap_or_else(|error| suggest(error, env::args()).exit())
+}
+
+/// Adds the command that was probably meant: the parser knows fewer slips.
+fn suggest(mut error: clap::Error, words: impl Iterator<Item = String>) -> clap::Error {
+    if let Some(ContextValue::String(wrong)) = error.get(ContextKind::InvalidSubcommand) {
+        let mut here = command();
+        for word in words.skip(1).take_while(|word| word != wrong) {
+            here = here.find_subcommand(word).cloned().unwrap_or(here);
+        }
+        let known = here.get_subcommands().map(clap::Command::get_name);
+        if let Some(near) = nearest(wrong, known) {
+            let near = ContextValue::Strings(vec![near.to_owned()]);
+            error.insert(ContextKind::SuggestedSubcommand, near);
+        }
+    }
+    error
+}
+
 /// Runs the command line; errors are printed, and become the exit code 2.
 pub(crate) fn main() -> ExitCode {
-    let done = match Cli::parse().command {
+    let done = match parse().command {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::Console(arguments) => console::run(&arguments),
         Command::Edit(arguments) => edit::run(&arguments),
@@ -103,61 +141,6 @@ pub(crate) fn main() -> ExitCode {
             complain(&error);
             ExitCode::from(2)
         }
-    }
-}
-
-/// Characters of a line of a message.
-const LINE_MAX: usize = 2000;
-
-/// Prints an error.
-fn complain(error: &anyhow::Error) {
-    let text = with_causes(error);
-    // A parser quotes the line that it refuses, which may be the whole of a file.
-    let lines = text
-        .lines()
-        .map(|line| match line.char_indices().nth(LINE_MAX) {
-            Some((end, _)) => format!("{} ...", &line[..end]),
-            None => line.to_owned(),
-        });
-    tell(format_args!(
-        "host-sim: {}",
-        lines.collect::<Vec<_>>().join("\n")
-    ));
-}
-
-/// The error with its causes, except causes that it tells itself. The words of parsers and of the operating system
-/// that mean nothing to most people are put into plain ones.
-fn with_causes(error: &anyhow::Error) -> String {
-    let mut text = error.to_string();
-    for cause in error.chain() {
-        let raw = cause.to_string();
-        if !text.contains(&raw) {
-            text = format!("{text}: {raw}");
-        }
-        if let Some(plain) = plain(cause) {
-            text = text.replace(&raw, &plain);
-        }
-    }
-    text
-}
-
-/// An error of a parser or of the operating system in plain words, where its own are not.
-fn plain(error: &(dyn std::error::Error + 'static)) -> Option<String> {
-    if let Some(error) = error.downcast_ref::<io::Error>() {
-        let words = error.to_string();
-        return match words.split_once(" (os error ") {
-            _ if words.contains("valid UTF-8") => Some("it is no text in UTF-8".to_owned()),
-            Some((words, _)) => Some(words.to_owned()),
-            None => None,
-        };
-    }
-    let error = error.downcast_ref::<serde_json::Error>()?;
-    match error.classify() {
-        serde_json::error::Category::Syntax => Some(format!("line {} is no JSON", error.line())),
-        serde_json::error::Category::Eof => {
-            Some(format!("its JSON is cut off in line {}", error.line()))
-        }
-        _ => None,
     }
 }
 
@@ -211,27 +194,13 @@ fn file_name(path: &Path) -> String {
 
 /// The public key of a file of `host-sim keygen --updates`.
 fn public_update_key(path: &Path) -> anyhow::Result<Key> {
-    let secret = key_file::read_update_key(path).with_context(|| file_name(path))?;
+    let secret = key_file::read_update_key(path).with_context(|| OfFile::named(path))?;
     Ok(public_key(&secret))
-}
-
-/// A file's error with its name, and with the line in the form that editors follow.
-fn of_file(path: &Path, error: ReadError) -> anyhow::Error {
-    let name = file_name(path);
-    match error {
-        ReadError::Io(error) => {
-            anyhow::Error::from(error).context(format!("{name} cannot be read"))
-        }
-        ReadError::Row(complaint) => anyhow!("{name}:{}: {}", complaint.line, complaint.text),
-        error => anyhow!("{name} {error}"),
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use std::{fs, path::Path};
-
-    use clap::CommandFactory;
 
     use super::*;
 
@@ -281,7 +250,7 @@ mod tests {
         for page in pages.chain([root.join("README.md")]) {
             let text = fs::read_to_string(&page).unwrap();
             for words in code(&text).iter().filter_map(|line| words(line)) {
-                let parsed = Cli::command().try_get_matches_from(&words);
+                let parsed = command().try_get_matches_from(&words);
                 let is_help = |error: &clap::Error| !error.use_stderr();
                 if let Err(error) = parsed.map(drop)
                     && !is_help(&error)
@@ -292,6 +261,45 @@ mod tests {
             }
         }
         assert!(count > 20, "{count} commands");
+    }
+
+    /// A value's parser and its field have one type: otherwise the program panics.
+    #[test]
+    fn every_default_has_the_type_of_its_field() {
+        for words in [
+            &["probe", "--port", "x", "--first-column", "0"][..],
+            &["probe", "--port", "x", "--tag", "3", "--count", "2"],
+            &["camera", "--pty", "x", "--baud", "19200"],
+            &[
+                "console",
+                "--port",
+                "x",
+                "--join-window",
+                "3",
+                "--remove",
+                "4",
+            ],
+            &["keygen"],
+            &["live", "lab", "--http-port", "8080", "--listen", "::1"],
+            &[
+                "provision",
+                "--id=3",
+                "--channels=11,12",
+                "--tx-power=-4",
+                "--columns=88",
+                "--motion=9",
+            ],
+            &[
+                "update", "--port", "x", "--image", "y", "--key", "z", "--node", "3",
+            ],
+            &["solve", "x.csv", "--fov-deg", "60", "--columns", "88"],
+        ] {
+            let matches = command().try_get_matches_from([&["host-sim"], words].concat());
+            assert!(
+                Cli::from_arg_matches(&matches.unwrap()).is_ok(),
+                "{words:?}"
+            );
+        }
     }
 
     #[test]

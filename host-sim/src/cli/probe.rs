@@ -53,7 +53,7 @@ mod stops;
 /// once Enter is pressed), and prints what the camera tracks until Ctrl-C. Afterwards the camera is
 /// left idle.
 #[derive(Args)]
-#[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+#[command(after_long_help = EPILOGUE)]
 #[command(group(clap::ArgGroup::new("line").required(true).args(["port", "emulate"])))]
 pub(super) struct Arguments {
     /// The serial port, such as /dev/ttyUSB0.
@@ -70,13 +70,13 @@ pub(super) struct Arguments {
     /// The signature that a Pixy or an OpenMV Cam was taught and that is looked for.
     #[arg(
         long, value_name = "N", default_value_t = 1,
-        value_parser = clap::value_parser!(u8).range(1..=7)
+        value_parser = values::whole(1, 7_u8)
     )]
     signature: u8,
     /// The number of the tag that is looked for, with `--camera openmv-tags`.
     #[arg(
         long, value_name = "N", default_value_t = 0,
-        value_parser = clap::value_parser!(u16).range(..=999)
+        value_parser = values::whole(0, 999_u16)
     )]
     tag: u16,
     /// Rate that the camera's jumpers select, or that is set in another one; `auto` tries all usual rates.
@@ -99,7 +99,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     high_res: bool,
     /// Stop after so many packets.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = values::whole(1, u64::MAX))]
     count: Option<u64>,
     /// Stop after so many seconds.
     #[arg(long, value_name = "S", value_parser = values::positive)]
@@ -127,7 +127,7 @@ pub(super) struct Arguments {
     /// Number of packets for which the object must stand still for a sighting.
     #[arg(
         long, value_name = "N", default_value_t = 20, requires = "record",
-        value_parser = clap::value_parser!(u16).range(2..=stops::PACKETS_MAX as i64)
+        value_parser = values::whole(2, stops::PACKETS_MAX as u16)
     )]
     packets: u16,
     /// JSON instead of text.
@@ -137,7 +137,7 @@ pub(super) struct Arguments {
     /// below.
     #[arg(
         long, value_name = "0|1", help_heading = "Camera, for bearings",
-        value_parser = clap::value_parser!(u8).range(0..=1)
+        value_parser = values::whole(0, 1_u8)
     )]
     first_column: Option<u8>,
     #[command(flatten, next_help_heading = "Camera, for bearings")]

@@ -20,6 +20,8 @@ use rustix::{
     termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr},
 };
 
+use super::OfFile;
+
 /// Time between two looks whether a program has opened the device.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -186,5 +188,5 @@ fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
             link.display()
         );
     }
-    symlink(device, link).with_context(|| format!("{} cannot be made", link.display()))
+    symlink(device, link).with_context(|| OfFile::unmade(link))
 }

@@ -44,7 +44,7 @@ pub(super) struct Arguments {
     #[command(flatten, next_help_heading = FOR_SCENARIO)]
     scenario: ScenarioOptions,
     /// The root of all randomness. Default: the scenario's.
-    #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = values::seed)]
     seed: Option<u64>,
     /// `max`, `real-time`, or so many times real time, such as `10x`. Default: `max`.
     #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_hyphen_values = true)]
@@ -54,7 +54,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     until_calibrated: bool,
     /// Stops that this takes at most, after those of the way.
-    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated")]
     further_stops: usize,
     /// Program or chip that runs the firmware of the nodes.
     #[arg(long, value_name = "WHAT", default_value = "host")]
@@ -81,7 +81,7 @@ pub(super) struct Arguments {
     gdb: Option<(u16, Option<u16>)>,
     /// After the calibration, have all cameras track the scenario's objects for so many seconds, or two that
     /// walk about at random if it has none.
-    #[arg(long, value_name = "S", value_parser = values::seconds, conflicts_with = "console", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = values::seconds, conflicts_with = "console")]
     track: Option<Duration>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
@@ -248,11 +248,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     for (network, link) in &arguments.console {
         let terminal = PseudoTerminal::open(link, CONSOLE_BAUD)?;
+        simulation.connect_console(*network, terminal)?;
+    }
+    for (network, link) in &arguments.console {
         tell(format_args!(
             "network {network}: host-sim console --port {}",
             link.display()
         ));
-        simulation.connect_console(*network, terminal)?;
     }
     if arguments.track.is_some() {
         simulation.take_orders();

@@ -5,14 +5,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::{Args, ValueEnum};
 use results::export::{self, Frame};
 use results::plot;
-use results::record::{RunRecord, difference::Difference, verdict::Verdict};
+use results::record::{RunRecord, difference::Difference, event, verdict::Verdict};
 use results::report;
 
-use super::{and, end::End, file_name, files::Files, values, whole_file};
+use super::{OfFile, and, end::End, file_name, files::Files, values, whole_file};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
@@ -104,8 +104,7 @@ impl RecordOutputs {
             }
         }
         if let Some(folder) = &self.plots {
-            let made = fs::create_dir_all(folder)
-                .with_context(|| format!("the folder {} cannot be made", file_name(folder)));
+            let made = fs::create_dir_all(folder).with_context(|| OfFile::unmade(folder));
             let is_there = made.is_ok();
             written = and(written, made);
             for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
@@ -132,7 +131,7 @@ pub(super) struct RunOutputs {
     check: Option<PathBuf>,
     /// Numbers may differ by this times the larger of 1 and their size.
     #[arg(long, value_name = "X", value_parser = values::not_negative, default_value_t = 0.0,
-        requires = "check", allow_negative_numbers = true)]
+        requires = "check")]
     tolerance: f64,
 }
 
@@ -216,6 +215,11 @@ const RECORD_MAX: u64 = 1 << 30;
 pub(super) fn read_record(path: &Path) -> anyhow::Result<(RunRecord, End)> {
     let text = whole_file::read(path, RECORD_MAX)?;
     let record = RunRecord::from_json(&text).map_err(anyhow::Error::from);
+    ensure!(
+        record.is_ok() || event::read(text.as_bytes()).is_err(),
+        "{0} is a file of events: `host-sim live {0}` shows it",
+        file_name(path)
+    );
     let both = record.and_then(|record| Ok((record, End::of_json(&text)?)));
     both.with_context(|| format!("{} cannot be used", file_name(path)))
 }

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use site::world::Variant;
 use site::{
     BUILT_IN, Overrides, Purpose, ScatterTable, Scenario, ScenarioError, planner::Placement,
 };
 
-use super::{tell, values};
+use super::{of_site, tell, values};
 
 /// Heading for these options.
 pub(super) const FOR_SCENARIO: &str = "Scenario";
@@ -20,17 +19,17 @@ pub(super) struct ScenarioOptions {
     #[arg(value_name = "SCENARIO|FILE.toml")]
     scenario: String,
     /// Number of the planned way that the target takes, from 1.
-    #[arg(long, value_name = "K", value_parser = values::path, allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", value_parser = values::path)]
     path: Option<u64>,
     /// Stops that are planned in view of each camera.
-    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::count)]
     stops: Option<usize>,
     /// Places of these stops: where they help most; there, and on until every pose is checked; or
     /// anywhere in view.
     #[arg(long, value_name = "HOW")]
     placement: Option<Place>,
     /// Cameras of a grid.
-    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::count)]
     nodes: Option<usize>,
     /// Way of making pictures: rendered and counted, or by a scan of equal angles as in Stage.
     #[arg(long, value_name = "KIND")]
@@ -42,8 +41,7 @@ pub(super) struct ScenarioOptions {
     #[arg(long)]
     drift: bool,
     /// Share of the frames that the radio loses, 0 to 1.
-    #[arg(long, value_name = "SHARE", value_parser = values::share,
-        allow_negative_numbers = true)]
+    #[arg(long, value_name = "SHARE", value_parser = values::share)]
     loss: Option<f64>,
 }
 
@@ -106,17 +104,26 @@ impl ScenarioOptions {
 
     /// Tells which important things the scenario leaves open, and what is assumed.
     pub(super) fn tell_assumptions(&self, scenario: &Scenario) {
-        for assumption in scenario.assumptions(Purpose::Rehearsal) {
-            tell(format_args!("{}: {assumption}", self.scenario));
-        }
+        tell_assumptions(&self.scenario, scenario);
     }
 
     /// Error in the scenario, with the scenario's name.
     pub(super) fn named(&self, error: ScenarioError) -> anyhow::Error {
-        match error {
-            // These errors name the file themselves.
-            ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
-            error => anyhow!("{}: {error}", self.scenario),
-        }
+        of_site(&self.scenario, error)
+    }
+}
+
+/// Tells which important things the scenario of this name leaves open, what is assumed, and what is hardly meant.
+pub(super) fn tell_assumptions(name: &str, scenario: &Scenario) {
+    for assumption in scenario.assumptions(Purpose::Rehearsal) {
+        tell(format_args!("{name}: {assumption}"));
+    }
+    tell_doubts(name, scenario);
+}
+
+/// Tells what is hardly meant as the file of this name has it.
+pub(super) fn tell_doubts(name: &str, scenario: &Scenario) {
+    for doubt in scenario.doubts() {
+        tell(format_args!("{name}: {doubt}"));
     }
 }

@@ -41,7 +41,7 @@ use super::{
 /// Every case gets one answer, in the order of the file: a pose with its predicted standard
 /// deviations, or the reason why there is none. Three sightings of a case are the least.
 #[derive(Args)]
-#[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+#[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
     /// Sightings, or `-` for the standard input.
     #[arg(value_name = "FILE.csv")]

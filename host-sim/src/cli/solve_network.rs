@@ -39,7 +39,7 @@ use super::{
 /// Bearings, displacements and two references give poses with their uncertainty, how far each is
 /// protected against one wrong measurement, and what contradicts, by name.
 #[derive(Args)]
-#[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+#[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
     /// The record of a run, its `sightings`, or bearings; `-` for the standard input.
     #[arg(value_name = "FILE.json|FILE.csv")]

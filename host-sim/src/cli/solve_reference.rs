@@ -29,7 +29,7 @@ use super::{
 /// Camera 0 is the origin and camera 1 is on the x axis. Two stops are enough if the baseline and
 /// the frame heading are known, but may leave two answers; otherwise three are needed.
 #[derive(Args)]
-#[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+#[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
     /// Stops in the order in which they were made, or `-` for the standard input.
     #[arg(value_name = "FILE.csv")]

@@ -22,7 +22,7 @@ use results::recorded::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{file_name, messages::Messages, of_file, tell, unless_gone, values};
+use super::{OfFile, file_name, messages::Messages, of_file, tell, unless_gone, values};
 
 /// Options of cameras in space.
 #[derive(Args)]
@@ -218,7 +218,7 @@ impl SpaceOptions {
 
 fn read_lenses(path: &Path, options: &SpaceOptions) -> anyhow::Result<BTreeMap<String, Lens<f64>>> {
     let name = file_name(path);
-    let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+    let text = fs::read_to_string(path).with_context(|| OfFile::unread(path))?;
     let file: Lenses = toml::from_str(&text).with_context(|| format!("{name} cannot be used"))?;
     let mut lenses = BTreeMap::new();
     for table in file.camera {

@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     seeds: Seeds,
     /// All these paths with every seed, such as `1,2,3`.
     #[arg(long, value_name = "K,...", value_delimiter = ',', conflicts_with = "path",
-        value_parser = values::path, allow_negative_numbers = true)]
+        value_parser = values::path)]
     paths: Vec<u64>,
     /// Scatter of cameras around where the scenario has them, standard deviations in its unit and in
     /// degrees, drawn for each seed; 0 for not at all. Default: the scenario's own `scatter`, or 0.3
@@ -46,7 +46,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "D,DEG", value_parser = values::scatter, allow_hyphen_values = true)]
     scatter: Option<ScatterTable>,
     /// Runs at a time. Default: one for each processor.
-    #[arg(long, value_name = "N", value_parser = values::jobs, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::jobs)]
     jobs: Option<NonZeroUsize>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: SweepOutputs,

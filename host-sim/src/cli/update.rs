@@ -35,7 +35,9 @@ use radio_update::{
 use site::key_file;
 use tracing::{info, warn};
 
-use super::{file_name, files::Files, interrupt, log_options::LogOptions, print, tell};
+use super::{
+    OfFile, file_name, files::Files, interrupt, log_options::LogOptions, print, tell, values,
+};
 
 /// Gives all nodes of a network a new image, by radio.
 ///
@@ -57,10 +59,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
     /// Only these nodes, by their numbers; 0 is the coordinator. Can be given several times.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = values::whole(1, u16::MAX))]
     node: Vec<u16>,
     /// Bits per second.
-    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = values::whole(1, u32::MAX))]
     baud: u32,
     #[command(flatten)]
     log: LogOptions,
@@ -123,7 +125,7 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 /// The bytes of an image, of an ELF file or as they are.
 fn read_image(path: &Path) -> Result<Vec<u8>> {
     let name = file_name(path);
-    let bytes = fs::read(path).with_context(|| format!("{name} cannot be read"))?;
+    let bytes = fs::read(path).with_context(|| OfFile::unread(path))?;
     let Some((_, stamp)) = Stamp::find(&bytes) else {
         bail!(
             "{name} is no image for updates by radio: make one with `cargo xtask firmware --update VERSION`, and name \

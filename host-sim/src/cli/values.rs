@@ -1,6 +1,6 @@
 //! Values of options, with messages that tell which values are allowed.
 
-use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
+use std::{fmt, net::IpAddr, num::NonZeroUsize, path::PathBuf, str::FromStr, time::Duration};
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use site::{PATH_MAX, ScatterTable};
@@ -17,6 +17,26 @@ pub(super) fn result() -> impl TypedValueParser<Value = PathBuf> {
             Ok(path)
         }
     })
+}
+
+/// A whole number in this range.
+pub(super) fn whole<T>(least: T, most: T) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: FromStr + PartialOrd + fmt::Display + Copy,
+{
+    move |text| match text.parse() {
+        Ok(number) if (least..=most).contains(&number) => Ok(number),
+        _ => Err(format!("a whole number from {least} to {most} is needed")),
+    }
+}
+
+/// An address of this computer.
+pub(super) fn address(text: &str) -> Result<IpAddr, String> {
+    let needed = |_| {
+        "an address of this computer is needed, such as 127.0.0.1 for itself alone, or 0.0.0.0 for all that it has"
+            .to_owned()
+    };
+    text.parse().map_err(needed)
 }
 
 /// A count.

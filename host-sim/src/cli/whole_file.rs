@@ -10,12 +10,12 @@ use anyhow::{Context, ensure};
 use site::durable::{folder_of, persist};
 use tracing::debug;
 
-use super::{file_name, files, unless_gone};
+use super::{OfFile, errors::IS_FOLDER, file_name, files, unless_gone};
 
 /// Writes a file in whole or not at all, so that a full disk or a loss of power leaves what was there before.
 pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
     let (file, bytes) = (file_name(path), bytes.as_ref());
-    replace(path, bytes).with_context(|| format!("{file} cannot be written"))?;
+    replace(path, bytes).with_context(|| OfFile::unwritten(path))?;
     debug!(file, bytes = bytes.len(), "written");
     Ok(())
 }
@@ -78,15 +78,21 @@ fn beside(place: &Path, known: Option<&Metadata>) -> io::Result<tempfile::NamedT
 /// Refuses what is no regular file: devices may have no end, pipes may wait for ever.
 pub(super) fn check_regular(path: &Path) -> anyhow::Result<()> {
     let check = || {
-        ensure!(fs::metadata(path)?.is_file(), "it is no regular file");
-        Ok(())
+        let known = fs::metadata(path)?;
+        is_regular(&known, known.is_file())
     };
-    check().with_context(|| format!("{} cannot be read", file_name(path)))
+    check().with_context(|| OfFile::unread(path))
+}
+
+fn is_regular(known: &Metadata, is_it: bool) -> anyhow::Result<()> {
+    ensure!(!known.is_dir(), IS_FOLDER);
+    ensure!(is_it, "it is no regular file");
+    Ok(())
 }
 
 /// Reads a text of so many bytes at most from a file, or from a pipe as of `<(xz -dc FILE)`.
 pub(super) fn read(path: &Path, most: u64) -> anyhow::Result<String> {
-    read_text(path, most).with_context(|| format!("{} cannot be read", file_name(path)))
+    read_text(path, most).with_context(|| OfFile::unread(path))
 }
 
 fn read_text(path: &Path, most: u64) -> anyhow::Result<String> {
@@ -99,7 +105,7 @@ fn read_text(path: &Path, most: u64) -> anyhow::Result<String> {
     } else {
         let file = File::open(path)?;
         let known = file.metadata()?;
-        ensure!(known.is_file() || is_pipe(&known), "it is no regular file");
+        is_regular(&known, known.is_file() || is_pipe(&known))?;
         check(known.len())?;
         Box::new(file)
     };

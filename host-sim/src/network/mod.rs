@@ -132,7 +132,7 @@ pub enum ConnectError {
     #[error("the scenario has no camera {0}")]
     NoCamera(u16),
     /// There are fewer networks.
-    #[error("the scenario has no network {0}: they are counted from 1")]
+    #[error("the scenario has no network {0}: look at --console, where they are counted from 1")]
     NoNetwork(usize),
     /// The port cannot be opened.
     #[error(transparent)]

@@ -106,7 +106,7 @@ impl FromStr for Baud {
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// There is no such device.
-    #[error("{path} does not exist: is the adapter plugged in? {}", list(.found))]
+    #[error("{path} does not exist: {} {}", advice(.path), list(.found))]
     Missing {
         /// The path that was asked for.
         path: String,
@@ -141,6 +141,19 @@ pub enum OpenError {
         /// Serial ports of this computer.
         found: Vec<String>,
     },
+}
+
+/// Folder of devices.
+const DEVICES: &str = "/dev";
+
+fn advice(path: &str) -> String {
+    match Path::new(path).starts_with(DEVICES) {
+        true => "is the adapter plugged in?".to_owned(),
+        false => format!(
+            "if it is that of a simulation, start that first: `host-sim run SITE --console {path}`, or of one camera \
+             `host-sim camera --pty {path}`."
+        ),
+    }
 }
 
 fn list(found: &[String]) -> String {
@@ -465,6 +478,9 @@ fn open_error(path: String, error: &serialport::Error) -> OpenError {
         _ => OpenError::Unusable {
             // Files and other devices know none of a terminal's calls, and say so in various ways.
             reason: match is_terminal(&path) {
+                true if error.to_string().contains("No such device") => {
+                    "there is no device behind it: name another port".to_owned()
+                }
                 true => error.to_string(),
                 false => "it is none".to_owned(),
             },

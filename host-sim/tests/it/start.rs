@@ -45,11 +45,16 @@ fn typed(files: &Files, command: &str) -> Command {
 
 /// Types a command that ends by itself, and returns its output.
 fn ends(files: &Files, command: &str) -> String {
+    ends_saying(files, command).0
+}
+
+/// The same with its messages.
+fn ends_saying(files: &Files, command: &str) -> (String, String) {
     let ended = typed(files, command).output().unwrap();
     let told = String::from_utf8_lossy(&ended.stdout).into_owned();
-    let said = String::from_utf8_lossy(&ended.stderr);
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
     assert!(ended.status.success(), "{command}: {told}{said}");
-    told
+    (told, said)
 }
 
 /// A command that serves a page, with the address and the token that it prints.
@@ -93,7 +98,12 @@ fn the_first_half_hour_goes_as_the_page_says() {
         command
     };
     let told = ends(&files, next("host-sim run lab"));
-    assert!(told.contains("cameras are calibrated"), "{told}");
+    let (before, after) = told.split_once("cameras are calibrated").expect(&told);
+    assert!(after.contains("nothing is left to do"), "{told}");
+    assert!(
+        !before.contains("| camera |") && after.contains("| camera |"),
+        "{told}"
+    );
     {
         let (_server, address, token) = serves(&files, next("host-sim live lab"));
         assert!(get(&address, &format!("/about?token={token}")).contains("\"simulation\""));
@@ -152,7 +162,8 @@ fn the_first_half_hour_goes_as_the_page_says() {
     ends(&files, next("host-sim provision --site room.toml"));
     let pages = fs::read_dir(files.path("pages")).unwrap().count();
     assert_eq!(pages, 6, "four cameras, a target, a coordinator");
-    let told = ends(&files, next("host-sim flash nrf52840"));
+    let (told, said) = ends_saying(&files, next("host-sim flash nrf52840"));
     assert!(told.contains("probe-rs download"), "{told}");
+    assert!(said.contains("there is no image"), "{said}");
     assert_eq!(commands.next(), None);
 }

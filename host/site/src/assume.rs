@@ -1,11 +1,11 @@
 //! Values that a file leaves open although they matter.
 
-use std::fmt;
+use std::{f64::consts::TAU, fmt};
 
 use node_firmware::config::TargetConfig;
 
 use super::{
-    file::{CameraTable, Scenario},
+    file::{CameraTable, DEFAULT_UNIT, Scenario},
     firmware::FirmwareTable,
 };
 use crate::world::Variant;
@@ -34,7 +34,33 @@ impl fmt::Display for Assumption {
     }
 }
 
+/// The fastest walk of a person, metres a second; most walk at about 1.
+const FASTEST_WALK: f64 = 3.0;
+
 impl Scenario {
+    /// Values that may be written but are hardly meant, with what they may be instead.
+    pub fn doubts(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        let is_metre_known = self.unit_metres.is_some() || self.unit != DEFAULT_UNIT;
+        let speed = self.walk.speed * self.metres_per_unit();
+        if is_metre_known && speed > FASTEST_WALK {
+            all.push(format!(
+                "`walk.speed` is {} {} a second, and a person walks about 1 m a second: is it in another unit?",
+                self.walk.speed, self.unit
+            ));
+        }
+        let views = self.networks.iter().flat_map(|network| &network.cameras);
+        let views = views.map(|camera| (camera.id, self.camera.for_camera(camera)));
+        let mut views = views.filter_map(|(id, camera)| Some((id, camera.field_of_view_deg?)));
+        if let Some((id, view)) = views.find(|(_, view)| *view <= TAU) {
+            all.push(format!(
+                "`field_of_view_deg` of camera {id} is {view}: is it in radians? In degrees that is {:.1}",
+                view.to_degrees()
+            ));
+        }
+        all
+    }
+
     /// Values that it leaves open although they matter for this purpose: the assumption, and what to write. A
     /// rehearsal tells these, a deployment is refused until they are said.
     pub fn assumptions(&self, purpose: Purpose) -> Vec<Assumption> {

@@ -17,15 +17,16 @@ fn on(line: Option<usize>) -> String {
 /// Words of the parser about text without quotes, which mean nothing to most people.
 const UNQUOTED: [&str; 2] = ["invalid boolean", "string values must be quoted"];
 
-/// An error of the parser, with what to do about text without quotes.
+/// An error of the parser, with what to do about text without quotes, and about a key that is needed beside others.
 fn in_plain_words(error: &toml::de::Error) -> String {
     let (whole, message) = (error.to_string(), error.message());
-    match UNQUOTED.iter().any(|words| message.starts_with(words)) {
-        true => whole.replace(
-            message,
-            "only a number, `true` and `false` stand without quotes: put text into quotes",
-        ),
-        false => whole,
+    if UNQUOTED.iter().any(|words| message.starts_with(words)) {
+        let words = "only a number, `true` and `false` stand without quotes: put text into quotes";
+        return whole.replace(message, words);
+    }
+    match message.strip_prefix("missing field ") {
+        Some(key) => whole.replace(message, &format!("the key {key} is missing here: add it")),
+        None => whole,
     }
 }
 
@@ -40,7 +41,7 @@ pub enum ScenarioError {
     /// There is no built-in scenario of that name.
     #[error(
         "there is no scenario `{name}`{} There are {}; a file's name must have a `.toml` at its end",
-        match nearest(name, known.iter().copied()) {
+        match nearest(name, known.iter().map(String::as_str)) {
             Some(near) => format!(": did you mean `{near}`?"),
             None => ".".to_owned(),
         },
@@ -49,11 +50,17 @@ pub enum ScenarioError {
     Unknown {
         /// The name.
         name: String,
-        /// Those there are.
-        known: Vec<&'static str>,
+        /// Those there are, and the file that has the name but for its end.
+        known: Vec<String>,
     },
+    /// A folder in place of a file.
+    #[error("{0} is a folder: give the file of a site in it, whose name ends in `.toml`")]
+    Folder(String),
+    /// A file of another kind, to judge by its name.
+    #[error("{0} is there, but is no file of a site: the name of one ends in `.toml`")]
+    OtherFile(String),
     /// The file cannot be read.
-    #[error("cannot read {path}: {source}")]
+    #[error("{path} cannot be read")]
     File {
         /// The file.
         path: String,
@@ -77,6 +84,20 @@ pub enum ScenarioError {
         /// The key that was probably meant.
         nearest: Option<String>,
         /// Its line in the file, from 1.
+        line: Option<usize>,
+    },
+    /// A key is missing.
+    #[error("{}the key `{key}` is missing {place}: add `{example}`. {what}", on(*line))]
+    Missing {
+        /// The key.
+        key: String,
+        /// Where it should be.
+        place: String,
+        /// Text that may be written.
+        example: String,
+        /// Meaning of the key.
+        what: &'static str,
+        /// The line of its table in the file, from 1.
         line: Option<usize>,
     },
     /// A value makes no sense.
@@ -159,10 +180,21 @@ pub enum ScenarioError {
 }
 
 impl ScenarioError {
+    /// Returns true if the message has the name of the file in it.
+    #[must_use]
+    pub const fn names_file(&self) -> bool {
+        matches!(
+            self,
+            Self::Unknown { .. } | Self::Folder(_) | Self::OtherFile(_) | Self::File { .. }
+        )
+    }
+
     /// With the line of the file that it is about, if it has none yet.
     pub(crate) fn at_line(mut self, number: usize) -> Self {
-        if let Self::Key { line, .. } | Self::Value { line, .. } | Self::Config { line, .. } =
-            &mut self
+        if let Self::Key { line, .. }
+        | Self::Missing { line, .. }
+        | Self::Value { line, .. }
+        | Self::Config { line, .. } = &mut self
         {
             *line = line.or(Some(number));
         }

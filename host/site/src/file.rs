@@ -118,8 +118,11 @@ fn three() -> usize {
     3
 }
 
+/// Unit of a file that names none.
+pub(crate) const DEFAULT_UNIT: &str = "units";
+
 fn units() -> String {
-    "units".into()
+    DEFAULT_UNIT.into()
 }
 
 /// The place.

@@ -38,6 +38,7 @@
 use std::{
     fs::File,
     io::{self, Read},
+    path::Path,
 };
 
 mod assume;
@@ -108,6 +109,20 @@ fn read(name: &str) -> io::Result<String> {
     }
 }
 
+/// End of the name of a site's file.
+const SITE_EXTENSION: &str = "toml";
+
+/// Error of a name that is neither built in nor that of a file.
+fn unknown(name: &str) -> ScenarioError {
+    let file = format!("{name}.{SITE_EXTENSION}");
+    let file = Path::new(&file).is_file().then_some(file);
+    let known = BUILT_IN.iter().map(|(known, _)| (*known).to_owned());
+    ScenarioError::Unknown {
+        name: name.into(),
+        known: known.chain(file).collect(),
+    }
+}
+
 impl Scenario {
     /// A built-in scenario, or one from a file whose name ends in `.toml`.
     ///
@@ -117,13 +132,15 @@ impl Scenario {
         if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) {
             return Self::from_toml(text, changes);
         }
-        let is_file = std::path::Path::new(name)
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
-        if !is_file {
-            return Err(ScenarioError::Unknown {
-                name: name.into(),
-                known: BUILT_IN.iter().map(|(known, _)| *known).collect(),
+        let path = Path::new(name);
+        if path.is_dir() {
+            return Err(ScenarioError::Folder(name.into()));
+        }
+        let is_site = |extension: &std::ffi::OsStr| extension.eq_ignore_ascii_case(SITE_EXTENSION);
+        if !path.extension().is_some_and(is_site) {
+            return Err(match path.exists() {
+                true => ScenarioError::OtherFile(name.into()),
+                false => unknown(name),
             });
         }
         let text = read(name).map_err(|source| ScenarioError::File {

@@ -3,10 +3,15 @@
 /// Likeness from which on a name was probably meant.
 const LIKE: f64 = 0.7;
 
+/// Shorter names are one slip apart though nothing was mistyped.
+const SLIP_LENGTH: usize = 3;
+
 /// The name that was probably meant by another one, if any is like it or is abbreviated by it.
 #[must_use]
 pub fn nearest<'a>(name: &str, among: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let likeness = |known: &str| match abbreviates(name, known) {
+    let is_slip =
+        |known: &str| name.len() >= SLIP_LENGTH && strsim::damerau_levenshtein(known, name) == 1;
+    let likeness = |known: &str| match abbreviates(name, known) || is_slip(known) {
         true => 1.0,
         false => strsim::jaro_winkler(known, name),
     };
@@ -44,6 +49,7 @@ mod tests {
         assert_eq!(nearest("thesis", known), Some("thesis-13"));
         assert_eq!(nearest("ofice", known), Some("office"));
         assert_eq!(nearest("kitchen", known), None);
+        assert_eq!(nearest("rnu", ["live", "run", "report"]), Some("run"));
         let keys = ["field_of_view_deg", "flicker", "projection", "height"];
         for abbreviated in ["fov", "fov_deg", "fovd"] {
             assert_eq!(nearest(abbreviated, keys), Some("field_of_view_deg"));

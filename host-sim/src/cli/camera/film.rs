@@ -12,7 +12,7 @@ use anyhow::{Context, anyhow};
 use cmucam2_emulator::Picture;
 use host_sim::video::{Video, VideoError};
 
-use super::super::tell;
+use super::super::{OfFile, tell};
 
 /// The name that stands for the standard input.
 const STANDARD_INPUT: &str = "-";
@@ -46,7 +46,7 @@ impl Film {
             true => Video::new(io::BufReader::new(io::stdin())),
             false => Video::open(path),
         };
-        let mut video = video.with_context(|| name.clone())?;
+        let mut video = video.with_context(|| OfFile::named(path))?;
         let first = video
             .next_picture()
             .and_then(|first| first.ok_or(VideoError::Empty));

@@ -22,7 +22,7 @@ use pixy_emulator::Model;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 use self::{carried::Carried, film::Film, line::Line};
-use super::{pseudo_terminal::PseudoTerminal, tell, values};
+use super::{OfFile, pseudo_terminal::PseudoTerminal, tell, values};
 
 mod carried;
 pub(super) mod emulated;
@@ -59,7 +59,7 @@ pub(super) struct Arguments {
     taught: Vec<pixy::Taught>,
     /// The rate that the camera's jumpers select [default: 115200], or that was set in another
     /// camera [default: 19200].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = values::whole(1, u32::MAX))]
     baud: Option<u32>,
     /// Understand the other program whatever rate it sets.
     #[arg(long)]
@@ -69,8 +69,7 @@ pub(super) struct Arguments {
     sensor: SensorOption,
     /// Of noise and faults.
     #[arg(
-        long, value_name = "N", default_value_t = 0, value_parser = values::seed,
-        allow_negative_numbers = true
+        long, value_name = "N", default_value_t = 0, value_parser = values::seed
     )]
     seed: u64,
     /// Something that the protocol leaves open; see below. May be repeated.
@@ -317,7 +316,7 @@ impl Arguments {
             return Ok(self.scene_of(usual, sensor)?);
         };
         let name = path.display();
-        let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+        let text = fs::read_to_string(path).with_context(|| OfFile::unread(path))?;
         match self.scene_of(&text, sensor) {
             Ok(scene) => Ok(scene),
             Err(error) => bail!("{name} is no scene: {error}"),

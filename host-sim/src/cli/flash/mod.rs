@@ -27,7 +27,7 @@ use site::{
 use xshell::{Cmd, Shell, cmd};
 
 use self::boot_loader::Volume;
-use super::{files::Files, print, provision::read_page, tell};
+use super::{OfFile, files::Files, print, provision::read_page, tell};
 
 /// Folder into which `cargo xtask firmware` puts images.
 const IMAGES: &str = "target/firmware";
@@ -199,7 +199,7 @@ impl Arguments {
         let path = self.image()?;
         let files = Files::default().reads([&path]).reads(&self.config);
         files.writes(&self.file).check()?;
-        let elf = fs::read(&path).with_context(|| path.display().to_string())?;
+        let elf = fs::read(&path).with_context(|| OfFile::unread(&path))?;
         let image = Image::of(self.board, &elf)?;
         let bytes = page.map(|page| fs::read(&page.path)).transpose()?;
         let file = image.file(bytes.as_deref(), self.erase_memory);
@@ -271,7 +271,7 @@ impl Arguments {
             return Ok(image);
         }
         let bytes = fs::read(&image);
-        let bytes = bytes.with_context(|| format!("{} cannot be read", image.display()))?;
+        let bytes = bytes.with_context(|| OfFile::unread(&image))?;
         Image::of(self.board, &bytes)
             .with_context(|| format!("{} was not written", image.display()))?;
         Ok(image)

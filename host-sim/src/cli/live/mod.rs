@@ -26,7 +26,10 @@ use node_firmware::limits::CONSOLE_BAUD;
 use results::record::event::{self, CommandState, Event, What};
 use site::BUILT_IN;
 
-use super::{file_name, interrupt, log_options::LogOptions, print, tell, values, whole_file};
+use super::{
+    OfFile, file_name, interrupt, log_options::LogOptions, print, run_outputs::read_record, tell,
+    values, whole_file,
+};
 
 mod broker;
 mod network;
@@ -99,23 +102,23 @@ pub(super) struct SourceOptions {
     source: Option<String>,
     /// The serial port of a coordinator, such as /dev/ttyACM0, instead. Of a site with several networks, those of
     /// all coordinators: they are shown as one.
-    #[arg(long, value_name = "DEV", conflicts_with = "source")]
+    #[arg(long, value_name = "DEV")]
     port: Vec<String>,
     /// Bits per second on --port.
-    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = values::whole(1, u32::MAX))]
     baud: u32,
     /// The file of which the nodes on --port were provisioned: it tells who is expected, lenses and
     /// walls.
     #[arg(long, value_name = "FILE.toml", requires = "port")]
     site: Option<String>,
     /// The root of all randomness of a simulation. Default: the scenario's.
-    #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = values::seed)]
     seed: Option<u64>,
     /// Number of the planned way that the target takes, from 1.
     #[arg(long, value_name = "K", value_parser = values::path)]
     path: Option<u64>,
     /// Cameras of a grid.
-    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::count)]
     nodes: Option<usize>,
     /// Speed at which a simulation begins: `max`, `real-time`, or so many times real time.
     #[arg(long, value_name = "SPEED", value_parser = values::speed, default_value = "10x", allow_hyphen_values = true)]
@@ -130,10 +133,10 @@ pub(super) struct SourceOptions {
 pub(super) struct ServeOptions {
     /// The address to serve on. A person who can reach another one than this computer's own needs the token
     /// of the URL too, but what is sent can be read on the way.
-    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    #[arg(long, value_name = "IP", value_parser = values::address, default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     listen: IpAddr,
     /// The port to serve on; 0 takes a free one.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", value_parser = values::whole(0, u16::MAX), default_value_t = 0)]
     http_port: u16,
     /// Open it in the browser.
     #[arg(long)]
@@ -204,12 +207,20 @@ impl SourceOptions {
         begins: impl FnOnce(About) -> Begun,
     ) -> anyhow::Result<()> {
         match &self.source {
-            _ if !self.port.is_empty() => network::run(self, begins, interrupted),
+            Some(source) if !self.port.is_empty() => bail!(
+                "--port is the line of a real network: leave {source} out, or say `--site {source}` if the nodes have \
+                 their pages of it"
+            ),
+            None if !self.port.is_empty() => network::run(self, begins, interrupted),
             None => bail!("a scenario, a file of events, or --port is needed"),
             Some(source) if is_events(source) => {
-                let file =
-                    File::open(source).with_context(|| format!("{source} cannot be read"))?;
+                let path = Path::new(source);
+                let file = File::open(path).with_context(|| OfFile::unread(path))?;
                 let events = event::read(BufReader::new(file));
+                ensure!(
+                    events.is_ok() || read_record(path).is_err(),
+                    "{source} is the record of a run: `host-sim report run {source}` shows it"
+                );
                 let events = events.with_context(|| format!("{source} cannot be used"))?;
                 let (audience, commands) = begins(About {
                     name: source.clone(),

@@ -15,10 +15,10 @@ use host_sim::{
     network::{Onlooker, Options, Simulation},
 };
 use results::{record::event::CommandState, view::parse_command};
-use site::{Action, Overrides, Purpose, Scenario};
+use site::{Action, Overrides, Scenario};
 use virtual_hardware::executor::times_real_time;
 
-use super::super::tell;
+use super::super::{of_site, scenario_options::tell_assumptions};
 use super::{Audience, Begun, POLL, SourceOptions, told, wait};
 
 /// Time between two looks at a simulation, nanoseconds.
@@ -38,10 +38,9 @@ pub(super) fn run(
         nodes: options.nodes,
         ..Overrides::default()
     };
-    let scenario = Scenario::load(source, &overrides)?;
-    for assumption in scenario.assumptions(Purpose::Rehearsal) {
-        tell(format_args!("{source}: {assumption}"));
-    }
+    let named = |error| of_site(source, error);
+    let scenario = Scenario::load(source, &overrides).map_err(named)?;
+    tell_assumptions(source, &scenario);
     let name = scenario.name.clone();
     let settings = Options {
         speed: options.speed.0,
@@ -49,7 +48,7 @@ pub(super) fn run(
         stop: interrupted.clone(),
         ..Options::default()
     };
-    let mut simulation = Simulation::new(scenario, settings)?;
+    let mut simulation = Simulation::new(scenario, settings).map_err(named)?;
     simulation.watch();
     simulation.take_orders();
     if options.speed.0.is_none() {

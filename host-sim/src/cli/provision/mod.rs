@@ -8,18 +8,21 @@ use std::{
     process::ExitCode,
 };
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use node_firmware::config::{CheckedConfig, RoleConfig, SiteKey};
 use radio_update::package::Key;
 use site::{
-    NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file,
+    NetworkConfigs, Overrides, Purpose, Scenario, key_file,
     node::{self, RoleName},
     page_file,
 };
 use toml::Table;
 
-use super::{file_name, files::Files, print, public_update_key, tell, values, whole_file};
+use super::{
+    OfFile, file_name, files::Files, of_site, print, public_update_key,
+    scenario_options::tell_doubts, tell, values, whole_file,
+};
 
 /// Makes configuration pages, which tell boards which nodes they are.
 ///
@@ -92,7 +95,8 @@ impl Arguments {
         let folder = self.out.as_deref();
         let folder = folder.context("where to? Say --out FOLDER, into which the pages go")?;
         let scenario =
-            Scenario::load(&name, &Overrides::default()).map_err(|error| named(&name, error))?;
+            Scenario::load(&name, &Overrides::default()).map_err(|error| of_site(&name, error))?;
+        tell_doubts(&name, &scenario);
         let open = scenario.assumptions(Purpose::Deployment);
         if !open.is_empty() {
             let open: String = open.iter().map(|one| format!("\n  {one}")).collect();
@@ -107,12 +111,14 @@ impl Arguments {
             ),
         };
         let key = read_key(&path)?;
-        let networks = site::configs(&scenario, key).map_err(|error| named(&name, error))?;
+        let networks = site::configs(&scenario, key).map_err(|error| of_site(&name, error))?;
         let nodes = networks.iter().flat_map(NetworkConfigs::iter);
         let pages = nodes.map(|config| (config.clone(), folder.join(default_name(config))));
         let pages: Vec<_> = pages.collect();
-        fs::create_dir_all(folder)
-            .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
+        Files::default()
+            .writes_into([&folder.to_owned()], &[])
+            .check()?;
+        fs::create_dir_all(folder).with_context(|| OfFile::unmade(folder))?;
         self.write_all(&path, &pages)?;
         tell_strangers(folder, &pages);
         Ok(())
@@ -204,20 +210,11 @@ fn tell_strangers(folder: &Path, pages: &[(CheckedConfig, PathBuf)]) {
 
 /// Reads a page that is to be shown or flashed.
 pub(super) fn read_page(path: &Path) -> Result<CheckedConfig> {
-    page_file::read(path).with_context(|| file_name(path))
+    page_file::read(path).with_context(|| OfFile::named(path))
 }
 
 fn read_key(path: &Path) -> Result<SiteKey> {
-    key_file::read(path).with_context(|| file_name(path))
-}
-
-/// Error in a site's file, with the file's name.
-fn named(name: &str, error: ScenarioError) -> anyhow::Error {
-    match error {
-        // These errors name the file themselves.
-        ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
-        error => anyhow!("{name}: {error}"),
-    }
+    key_file::read(path).with_context(|| OfFile::named(path))
 }
 
 fn read_table(path: &Path) -> Result<Table> {

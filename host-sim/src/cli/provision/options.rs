@@ -6,6 +6,8 @@ use toml::{Table, Value};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use site::node::RoleName;
 
+use super::super::values;
+
 /// Options stand over what the file says.
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -13,32 +15,35 @@ pub(super) struct Options {
     #[arg(long, value_parser = role())]
     role: Option<RoleName>,
     /// The number by which people know the node, from 1.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_parser = values::whole(1, u16::MAX))]
     id: Option<u16>,
     /// The 2.4 GHz channels the network may use, 11 to 26; without it, all.
-    #[arg(long, value_delimiter = ',', value_name = "N,N")]
+    #[arg(long, value_delimiter = ',', value_name = "N,N", value_parser = values::whole(0, u8::MAX))]
     channels: Option<Vec<u8>>,
     /// Transmit power.
-    #[arg(long, value_name = "DBM", allow_hyphen_values = true)]
+    #[arg(long, value_name = "DBM", allow_hyphen_values = true, value_parser = values::whole(i8::MIN, i8::MAX))]
     tx_power: Option<i8>,
 
     /// Model of its camera: `cmucam2`, unless said, or one of the others.
     #[arg(long, value_name = "CAMERA", help_heading = "Camera", value_parser = ["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"])]
     kind: Option<String>,
     /// Number of colours that a Pixy or an OpenMV Cam was taught, 1 to 4: signature 1 is target colour 0.
-    #[arg(long, value_name = "N", help_heading = "Camera", conflicts_with_all = ["colour", "motion"])]
+    #[arg(
+        long, value_name = "N", help_heading = "Camera", conflicts_with_all = ["colour", "motion"],
+        value_parser = values::whole(0, u8::MAX)
+    )]
     signatures: Option<u8>,
     /// Columns of the lens: 88, or 160 with the OV7620.
-    #[arg(long, help_heading = "Camera")]
+    #[arg(long, help_heading = "Camera", value_parser = values::whole(0, u16::MAX))]
     columns: Option<u16>,
     /// Angle from the middle of the first column to that of the last one.
-    #[arg(long, value_name = "DEGREES", help_heading = "Camera")]
+    #[arg(long, value_name = "DEGREES", help_heading = "Camera", value_parser = values::finite)]
     field_of_view: Option<f64>,
     /// Projection of the lens: `pin-hole` as real lenses, or `equal-angle`.
     #[arg(long, value_name = "KIND", help_heading = "Camera")]
     projection: Option<String>,
     /// Baud rate that the CMUcam2's jumpers select.
-    #[arg(long, help_heading = "Camera")]
+    #[arg(long, help_heading = "Camera", value_parser = values::whole(0, u32::MAX))]
     baud: Option<u32>,
     /// It is a reference camera: `first` or `second`.
     #[arg(long, value_name = "DUTY", help_heading = "Camera")]
@@ -57,11 +62,11 @@ pub(super) struct Options {
         long,
         value_name = "LENGTH",
         help_heading = "Camera",
-        allow_negative_numbers = true
+        value_parser = values::finite
     )]
     baseline: Option<f64>,
     /// Stops at which it wants to see the target.
-    #[arg(long, help_heading = "Camera")]
+    #[arg(long, help_heading = "Camera", value_parser = values::whole(0, u8::MAX))]
     stops: Option<u8>,
     /// Lowest and highest levels of red, green and blue of the target; again for the next target
     /// colour.
@@ -72,19 +77,20 @@ pub(super) struct Options {
         long,
         value_name = "LEVELS",
         conflicts_with = "colour",
-        help_heading = "Camera"
+        help_heading = "Camera",
+        value_parser = values::whole(0, u8::MAX)
     )]
     motion: Option<u8>,
 
     /// Number of a node that may always join; again for the next one.
-    #[arg(long, value_name = "N", help_heading = "Coordinator")]
+    #[arg(long, value_name = "N", help_heading = "Coordinator", value_parser = values::whole(1, u16::MAX))]
     allow: Vec<u16>,
     /// Time after start-up in which any device with the site key may join.
-    #[arg(long, value_name = "SECONDS", help_heading = "Coordinator")]
+    #[arg(long, value_name = "SECONDS", help_heading = "Coordinator", value_parser = values::whole(0, u16::MAX))]
     join_window: Option<u16>,
 
     /// The target's colour number, from 0.
-    #[arg(long, value_name = "N", help_heading = "Target")]
+    #[arg(long, value_name = "N", help_heading = "Target", value_parser = values::whole(0, u8::MAX))]
     target_colour: Option<u8>,
     /// Offset of its step sensor's compass on each axis, uT.
     #[arg(
@@ -95,14 +101,14 @@ pub(super) struct Options {
     )]
     hard_iron: Option<String>,
     /// Step length of its carrier, in the unit of the site, at a swing of 1 m/s^2; usually 0.45 m.
-    #[arg(long, value_name = "K", help_heading = "Target")]
+    #[arg(long, value_name = "K", help_heading = "Target", value_parser = values::finite)]
     step_length: Option<f64>,
     /// Standard deviation of its step sensor's constant error of heading; usually 3.
-    #[arg(long, value_name = "DEGREES", help_heading = "Target")]
+    #[arg(long, value_name = "DEGREES", help_heading = "Target", value_parser = values::finite)]
     systematic_heading: Option<f64>,
     /// Standard deviation of its step sensor's constant error of distance, as a share of it;
     /// usually 0.08, for a measured step length 0.03.
-    #[arg(long, value_name = "SHARE", help_heading = "Target")]
+    #[arg(long, value_name = "SHARE", help_heading = "Target", value_parser = values::finite)]
     systematic_scale: Option<f64>,
 }
 

@@ -129,6 +129,71 @@ fn options_out_of_their_range() {
         ),
         (&["live", "walk.ndjson"], "there is no file walk.ndjson: "),
         (&["sweep", "lab", "--seeds", "5..1"], "such as 1..50"),
+        (&["rnu", "lab"], "a similar subcommand exists: 'run'"),
+        (
+            &["report", "rnu", "x"],
+            "a similar subcommand exists: 'run'",
+        ),
+        (&["edit", "ofice"], "did you mean `office`?"),
+        (
+            &["run", "/"],
+            "/ is a folder: give the file of a site in it",
+        ),
+        (
+            &["live", "/"],
+            "/ is a folder: give the file of a site in it",
+        ),
+        (&["edit", "/"], "it is a folder: name a file"),
+        (&["solve", "/"], "it is a folder: name a file"),
+        (&["provision", "--show", "/"], "it is a folder: name a file"),
+        (
+            &["run", "/dev/null"],
+            "is no file of a site: the name of one ends in `.toml`",
+        ),
+        (
+            &["live", "lab", "--listen", "foo"],
+            "an address of this computer is needed, such as 127.0.0.1",
+        ),
+        (
+            &["live", "lab", "--http-port", "99999"],
+            "a whole number from 0 to 65535 is needed",
+        ),
+        (
+            &["provision", "--id", "70000"],
+            "a whole number from 1 to 65535 is needed",
+        ),
+        (
+            &[
+                "console",
+                "--port",
+                "x",
+                "--until-calibrated",
+                "--cameras",
+                "-1",
+            ],
+            "a whole number is needed",
+        ),
+        (&["live", "lab", "--port", "x"], "say `--site lab`"),
+        (
+            &["run", "lab", "--console", "9:line"],
+            "the scenario has no network 9: look at --console",
+        ),
+        (
+            &["run", "lab", "--console", "/nowhere/line"],
+            "there is no folder /nowhere: make it first",
+        ),
+        (
+            &["console", "--port", "nowhere/line"],
+            "start that first: `host-sim run SITE --console nowhere/line`",
+        ),
+        (
+            &["live", "--port", "nowhere/line"],
+            "start that first: `host-sim run SITE --console nowhere/line`",
+        ),
+        (
+            &["console", "--port", "/dev/ttyNONE0"],
+            "is the adapter plugged in?",
+        ),
         (
             &["sweep", "lab", "--seeds", "0..18446744073709551615"],
             "at most 100000",
@@ -147,7 +212,10 @@ fn files_that_are_no_scenarios() {
     let files = Files::new();
     let lab = include_str!("../../../../host/site/scenarios/lab.toml");
     for (content, expected) in [
-        (&b""[..], "missing field `name`"),
+        (
+            &b""[..],
+            "line 1: the key `name` is missing at the top of the file: add `name = ",
+        ),
         (&lab.as_bytes()[..lab.len() / 2], "bad.toml: "),
         (b"\xff\xfe", "it is no text in UTF-8"),
         (
@@ -171,17 +239,122 @@ fn files_that_are_no_scenarios() {
         let message = refused(&["run", &file], expected);
         assert!(message.contains("bad.toml"), "{message}");
         fs::remove_file(&file).unwrap();
-        let message = refused(&["run", &file], "No such file");
-        assert_eq!(message.matches("No such file").count(), 1, "{message}");
+        let message = refused(&["run", &file], "there is no such file in the folder");
+        assert_eq!(message.matches("no such file").count(), 1, "{message}");
     }
+}
+
+/// Each with a file of that folder whose name is like it.
+#[test]
+fn files_that_are_not_there() {
+    let files = Files::new();
+    let there = files.write("site-1.toml", "");
+    let (near, far) = (files.path("site-2.toml"), files.path("other.toml"));
+    let nowhere = files.path("nowhere/x.toml");
+    let line = files.path("line");
+    for command in [
+        &["run"][..],
+        &["sweep", "--seeds", "1..2"],
+        &["edit"],
+        &["report", "run"],
+        &["report", "runs"],
+        &["solve"],
+        &["solve-network"],
+        &["solve-reference", "--baseline", "4"],
+        &["run", "lab", "--check"],
+        &["console", "--port", "x", "--site"],
+        &["live", "--port", "x", "--site"],
+        &["provision", "--out", "x", "--site"],
+        &["provision", "--show"],
+        &["flash", "nrf52840", "--dry-run", "--config"],
+        &["camera", "--pty", &line, "--video"],
+        &["camera", "--pty", &line, "--scene"],
+    ] {
+        let meant = format!("did you mean `{there}`?");
+        let said = refused(&[command, &[near.as_str()]].concat(), &meant);
+        assert!(!said.contains("os error"), "{said}");
+        if command != ["edit"] {
+            let words = "there is no such file in the folder";
+            refused(&[command, &[far.as_str()]].concat(), words);
+            let words = format!("there is no folder {}: look", files.path("nowhere"));
+            refused(&[command, &[nowhere.as_str()]].concat(), &words);
+        }
+    }
+    let name = there.strip_suffix(".toml").unwrap();
+    refused(&["run", name], &format!("did you mean `{there}`?"));
+}
+
+/// The line to write is told.
+#[test]
+fn keys_that_are_missing_and_tables_that_are_no_lists() {
+    let files = Files::new();
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
+    let references = lab.lines().find(|line| line.starts_with("references"));
+    let references = references.unwrap();
+    for (old, new, expected) in [
+        (
+            references,
+            "",
+            "the key `references` is missing in `network 1`: add `references = { cameras = [1, 2] }`.",
+        ),
+        (
+            references,
+            "references = { elected = true }",
+            "the key `cameras` is missing in `network 1.references`: add `cameras = [1, 2]`.",
+        ),
+        (
+            "[[network]]",
+            "[network]",
+            "it must be a list of tables: write `[[network]]`",
+        ),
+        (
+            "[camera]\n",
+            "[camera]\nfield_of_view_deg = 0.785\n",
+            "is it in radians? Then write 45.0",
+        ),
+    ] {
+        assert!(lab.contains(old), "{old}");
+        let text = match new.contains("field_of_view") {
+            true => without(lab, "field_of_view_deg").replacen(old, new, 1),
+            false => lab.replacen(old, new, 1),
+        };
+        refused(&["run", &files.write("site.toml", &text)], expected);
+    }
+}
+
+/// The text without the lines of a key.
+fn without(text: &str, key: &str) -> String {
+    let lines = text.lines().filter(|line| !line.starts_with(key));
+    lines.map(|line| format!("{line}\n")).collect()
+}
+
+/// A person does not run at 80 m a second: that is told, and done.
+#[test]
+fn values_that_are_hardly_meant() {
+    let files = Files::new();
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
+    let lab = without(&without(lab, "unit"), "speed");
+    let fast = lab.replacen("[walk]\n", "[walk]\nspeed = 80.0\n", 1);
+    let said = run(&["run", &files.write("fast.toml", &fast)]).stderr;
+    assert!(!said.contains("is it in another unit?"), "{said}");
+    let known = files.write("known.toml", &format!("unit = \"m\"\n{fast}"));
+    let said = run(&["run", &known]).stderr;
+    let doubt = "`walk.speed` is 80 m a second, and a person walks about 1 m a second";
+    assert!(said.contains(doubt), "{said}");
 }
 
 /// Words of parsers are not for people.
 #[test]
 fn files_that_are_something_else() {
     let files = Files::new();
-    let [bytes, words, cut] = [
-        ("bytes.csv", &b"\xff\xfe\0a"[..]),
+    let sample = Sample::default().run();
+    let record = files.write("run.json", &sample.to_json(false).unwrap());
+    let events = files.path("run.ndjson");
+    let told = run(&["report", "run", &record, "--events", &events]);
+    assert!(told.stderr.is_empty(), "{}", told.stderr);
+    let [binary, bytes, words, cut] = [
+        ("binary.csv", &b"\x7fELF\x02\0\0\n\0"[..]),
+        ("bytes.csv", b"\xff\xfe\0a"),
         ("words.json", b"nope"),
         ("cut.json", b"{\"format\": "),
     ]
@@ -196,6 +369,18 @@ fn files_that_are_something_else() {
         (&["report", "run", &bytes], no_text),
         (&["edit", &bytes], no_text),
         (&["camera", "--pty", "x", "--scene", &bytes], no_text),
+        (
+            &["solve", &binary],
+            "is no text: its first line has control",
+        ),
+        (
+            &["report", "run", &events],
+            "is a file of events: `host-sim live ",
+        ),
+        (
+            &["live", &record],
+            "is the record of a run: `host-sim report run ",
+        ),
         (&["report", "run", &words], "line 1 is no JSON"),
         (&["report", "run", &cut], "its JSON is cut off in line 1"),
         (&["solve-network", &cut], "its JSON is cut off in line 1"),
@@ -404,7 +589,8 @@ fn results_that_cannot_be_written_are_found_before_the_run() {
         ("--yaml", &folder, "is a folder"),
         ("--ros", &nowhere, "there is no folder"),
         ("--pcap", &nowhere, "there is no folder"),
-        ("--plots", &below, "is no folder"),
+        ("--plots", &below, "is a file, not a folder"),
+        ("--report", &below, "is a file, not a folder"),
         ("--json", &log, "is named for two results"),
         ("--check", &nowhere, "cannot be read"),
         ("--check", &file, "not the record of a run"),

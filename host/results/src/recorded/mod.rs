@@ -32,6 +32,9 @@ pub enum ReadError {
     /// It cannot be opened or read.
     #[error("cannot be read")]
     Io(#[from] io::Error),
+    /// Its first line has control characters.
+    #[error("is no text: its first line has control characters. Give a CSV file, in UTF-8")]
+    NoText,
     /// It has no line that names the columns.
     #[error("is empty: its first line must name the columns")]
     Empty,

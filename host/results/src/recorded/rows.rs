@@ -53,10 +53,13 @@ impl<R: BufRead> Rows<R> {
             splitter,
             cells: ByteRecord::new(),
         };
-        let names = match rows.next()? {
+        let names: Vec<_> = match rows.next()? {
             Some(first) => first.all().map(Cow::into_owned).collect(),
             None => return Err(ReadError::Empty),
         };
+        if names.iter().any(|name| name.contains(char::is_control)) {
+            return Err(ReadError::NoText);
+        }
         rows.names = names;
         Ok(rows)
     }

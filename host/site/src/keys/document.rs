@@ -5,7 +5,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use super::{KEYS, Key, Kind, limits::LARGE};
+use super::{KEYS, Key, Kind, Without, limits::LARGE};
 use crate::{check::refuse, error::ScenarioError, meant};
 
 type Value<'a> = Spanned<DeValue<'a>>;
@@ -13,23 +13,20 @@ type Value<'a> = Spanned<DeValue<'a>>;
 /// Refuses a key that there is not, and a value that a key may not have.
 pub(crate) fn check(text: &str) -> Result<(), ScenarioError> {
     let document = DeTable::parse(text)?;
-    table(document.get_ref(), "", "").map_err(|(error, at)| error.at_line(line(text, at)))
+    table(document.get_ref(), 0, "", "").map_err(|(error, at)| error.at_line(line(text, at)))
 }
 
 type Checked = Result<(), (ScenarioError, usize)>;
 
-/// `path` is that of the key list, `name` what people call the table.
-fn table(table: &DeTable<'_>, path: &str, name: &str) -> Checked {
+/// `at` is where the table begins, `path` is that of the key list, `name` what people call the table.
+fn table(table: &DeTable<'_>, at: usize, path: &str, name: &str) -> Checked {
     for (key, value) in table {
         let own = key.get_ref().as_ref();
         let field = join(name, own);
         let Some(known) = find(path, own) else {
             let error = ScenarioError::Key {
                 key: own.into(),
-                place: match name {
-                    "" => "at the top of the file".into(),
-                    name => format!("in `{name}`"),
-                },
+                place: place(name),
                 nearest: nearest(path, own),
                 line: None,
             };
@@ -37,7 +34,63 @@ fn table(table: &DeTable<'_>, path: &str, name: &str) -> Checked {
         };
         self::value(value, known, known.path, &field)?;
     }
-    Ok(())
+    let is_missing =
+        |key: &&Key| matches!(key.default, Without::Needed) && !table.contains_key(name_of(key));
+    match siblings(path).find(is_missing) {
+        Some(key) => Err((
+            ScenarioError::Missing {
+                key: name_of(key).into(),
+                place: place(name),
+                example: format!("{} = {}", name_of(key), example(key)),
+                what: key.what,
+                line: None,
+            },
+            at,
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Place of a key in a message.
+fn place(table: &str) -> String {
+    match table {
+        "" => "at the top of the file".into(),
+        name => format!("in `{name}`"),
+    }
+}
+
+/// A value that may be written for a key.
+fn example(key: &Key) -> String {
+    let numbers = |count: usize, low: f64| {
+        let numbers = (0..count).map(|n| short(low + n as f64));
+        format!("[{}]", numbers.collect::<Vec<_>>().join(", "))
+    };
+    let table = || {
+        let needed = siblings(key.path).filter(|key| matches!(key.default, Without::Needed));
+        let needed = needed.map(|key| format!("{} = {}", name_of(key), example(key)));
+        format!("{{ {} }}", needed.collect::<Vec<_>>().join(", "))
+    };
+    match key.kind {
+        Kind::Number(low, high, _) => format!("{:?}", 1.0_f64.clamp(low, high)),
+        Kind::Whole(low, high, _) => short(1.0_f64.clamp(low, high)),
+        Kind::Wholes(low, ..) => numbers(1, low),
+        Kind::Numbers(count, low, high, _) => numbers(count, 0.0_f64.clamp(low, high)),
+        Kind::Levels(count, low, ..) => numbers(count, low),
+        Kind::Places(least, ..) => {
+            let places = (0..least).map(|n| format!("[{n}.0, 0.0]"));
+            format!("[{}]", places.collect::<Vec<_>>().join(", "))
+        }
+        Kind::Flag => "true".into(),
+        Kind::Text | Kind::Texts => "\"my site\"".into(),
+        Kind::Choice(names) => format!("\"{}\"", names.first().unwrap_or(&"")),
+        Kind::OneOf(numbers) => numbers.first().map_or_else(String::new, u32::to_string),
+        Kind::Table | Kind::Rates => table(),
+        Kind::Tables => format!("[{}]", table()),
+        Kind::Same(other) => {
+            let same = KEYS.iter().find(|key| key.path == other);
+            same.map_or_else(String::new, example)
+        }
+    }
 }
 
 fn join(name: &str, own: &str) -> String {
@@ -92,8 +145,13 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
             Some(same) => self::value(value, same, other, field),
             None => Ok(()),
         },
-        Kind::Number(low, high, _) => match number(found) {
+        Kind::Number(low, high, unit) => match number(found) {
             Some(number) if (low..=high).contains(&number) => Ok(()),
+            Some(number) if unit.starts_with(DEGREES) && is_angle(number, low, high) => {
+                let degrees = number.to_degrees();
+                let allowed = format!("{}: is it in radians? Then write {degrees:.1}", key.kind);
+                Err((refuse(field, show(found), allowed), value.span().start))
+            }
             _ => wrong(show(found)),
         },
         Kind::Whole(low, high, _) => match whole(found) {
@@ -169,17 +227,25 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
             _ => wrong(show(found)),
         },
         Kind::Table => match found.as_table() {
-            Some(own) => table(own, path, field),
+            Some(own) => table(own, value.span().start, path, field),
             None => wrong(show(found)),
         },
         Kind::Tables => {
             let Some(all) = found.as_array() else {
-                return wrong(show(found));
+                let hint = match found.as_table() {
+                    Some(_) => format!(
+                        ": write `[[{}]]`, with two brackets",
+                        path.replace("[]", "")
+                    ),
+                    None => String::new(),
+                };
+                let allowed = format!("{}{hint}", key.kind);
+                return Err((refuse(field, show(found), allowed), value.span().start));
             };
             for (n, one) in (1..).zip(all.iter()) {
                 let name = format!("{field} {n}");
                 match one.get_ref().as_table() {
-                    Some(own) => table(own, path, &name)?,
+                    Some(own) => table(own, one.span().start, path, &name)?,
                     None => {
                         let error = refuse(name, show(one.get_ref()), "a table");
                         return Err((error, one.span().start));
@@ -204,6 +270,14 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
         }
         Kind::Flag | Kind::Text | Kind::Texts => wrong(show(found)),
     }
+}
+
+/// The unit of angles, as kinds have it.
+const DEGREES: &str = " degrees";
+
+/// Returns true if a number would be an angle in this range, degrees, if it were radians.
+fn is_angle(number: f64, low: f64, high: f64) -> bool {
+    number.abs() <= std::f64::consts::TAU && (low..=high).contains(&number.to_degrees())
 }
 
 fn whole(value: &DeValue<'_>) -> Option<f64> {

@@ -385,7 +385,7 @@ fn what_is_wrong_is_named() {
         ),
         (
             small("[radio]\nmedium = \"unit-disk\"", TARGET),
-            ["range", "missing field"],
+            ["the key `range` is missing here: add it", "line 2"],
         ),
         (
             small(
