@@ -1,7 +1,9 @@
 //! Command line: what people type, and what they are told.
 
 use std::{
-    env, fmt,
+    env,
+    ffi::OsString,
+    fmt,
     io::{self, Write},
     path::Path,
     process::ExitCode,
@@ -94,14 +96,14 @@ fn command() -> clap::Command {
 fn parse() -> Cli {
     let parsed = command().try_get_matches();
     let parsed = parsed.and_then(|matches| Cli::from_arg_matches(&matches));
-    parsed.unwrap_or_else(|error| suggest(error, env::args()).exit())
+    parsed.unwrap_or_else(|error| suggest(error, env::args_os()).exit())
 }
 
 /// Adds the command that was probably meant: the parser knows fewer slips.
-fn suggest(mut error: clap::Error, words: impl Iterator<Item = String>) -> clap::Error {
+fn suggest(mut error: clap::Error, words: impl Iterator<Item = OsString>) -> clap::Error {
     if let Some(ContextValue::String(wrong)) = error.get(ContextKind::InvalidSubcommand) {
         let mut here = command();
-        for word in words.skip(1).take_while(|word| word != wrong) {
+        for word in words.skip(1).take_while(|word| *word != **wrong) {
             here = here.find_subcommand(word).cloned().unwrap_or(here);
         }
         let known = here.get_subcommands().map(clap::Command::get_name);

@@ -314,8 +314,8 @@ fn what_is_wrong_is_told() {
         ("cannot be used with", "KEY --show=x"),
         ("cannot be used with", "KEY --colour=1-2,3-4,5-6 --motion=3"),
         ("--reference", "KEY CAMERA --id=1 --position=1,2"),
-        ("1..=65535", "KEY TARGET --id=0"),
-        ("1..=65535", "KEY TARGET --id=65536"),
+        ("1 to 65535", "KEY TARGET --id=0"),
+        ("1 to 65535", "KEY TARGET --id=65536"),
         ("id must be 1 to 65535, not 0", "KEY --config=zero.toml"),
         ("not 70000", "KEY --config=large.toml"),
         (
