@@ -179,7 +179,7 @@ impl Finding {
             ),
             Trouble::Refused(refusal) => write!(f, "not calibrated: {refusal}"),
             Trouble::NoReferences if verdict.references.contains(&self.camera) => f.write_str(
-                "not calibrated: it waits for stops that both reference cameras see, three at least",
+                "not calibrated: no reference has a pose; three stops at least that both of them see are needed",
             ),
             Trouble::NoReferences => f.write_str(
                 "not calibrated: the two reference cameras come first, and have no answer yet",
