@@ -154,7 +154,7 @@ impl SitePlan {
     }
 }
 
-/// What a target is told where no site's file says more.
+/// Knowledge that a target has where no file of a site says more.
 pub(super) fn usually_told() -> Told {
     Told::new(&TargetConfig::default(), None)
 }
