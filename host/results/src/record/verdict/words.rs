@@ -626,6 +626,30 @@ impl Verdict {
     }
 }
 
+/// Rows of each of these sentences, together at most so many: one of each before a second of any. `None` if there is no
+/// room for all.
+fn at_a_glance(sentences: &[String], room: usize) -> Option<Vec<Vec<String>>> {
+    let mut all: Vec<_> = sentences.iter().map(|text| clauses(text, 1)).collect();
+    let least = |rows: &mut Vec<String>, text: &String| {
+        if rows.is_empty() {
+            *rows = clauses(text, SENTENCE_ROWS);
+        }
+        rows.len()
+    };
+    let used: usize = { all.iter_mut().zip(sentences) }
+        .map(|(rows, text)| least(rows, text))
+        .sum();
+    let mut spare = room.checked_sub(used)?;
+    for (rows, text) in all.iter_mut().zip(sentences) {
+        let longer = clauses(text, SENTENCE_ROWS);
+        if longer.len() <= rows.len() + spare {
+            spare -= longer.len() - rows.len();
+            *rows = longer;
+        }
+    }
+    Some(all)
+}
+
 /// Rows of a verdict at a glance.
 const ROWS: usize = 5;
 /// Rows of one of its sentences, at most.
@@ -644,19 +668,16 @@ impl Verdict {
         let first = advice.first().map(|advice| clauses(advice, SENTENCE_ROWS));
         let first = first.unwrap_or_default();
         let mut left = advice.len().saturating_sub(1);
-        let mut room = ROWS.saturating_sub(rows.len() + first.len());
-        for (number, problem) in problems.iter().enumerate() {
-            let is_last = number + 1 == problems.len() && left == 0;
+        let room = ROWS.saturating_sub(rows.len() + first.len());
+        let told = { (0..=problems.len()).rev() }.find_map(|count| {
             // A row is kept that tells how much is left out.
-            let free = room.saturating_sub(usize::from(!is_last));
-            let own = clauses(problem, SENTENCE_ROWS.min(free));
-            if own.is_empty() {
-                left += problems.len() - number;
-                break;
-            }
-            room -= own.len();
-            rows.extend(own);
-        }
+            let is_all = count == problems.len() && left == 0;
+            let free = room.saturating_sub(usize::from(!is_all));
+            at_a_glance(&problems[..count], free)
+        });
+        let told = told.unwrap_or_default();
+        left += problems.len() - told.len();
+        rows.extend(told.into_iter().flatten());
         rows.extend(first);
         if left > 0 {
             rows.push(format!("and {left} more: --details tells all"));
