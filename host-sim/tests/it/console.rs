@@ -487,7 +487,7 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
         (&["--site", "lab", "--stands", "99:1,2"], "no target 99"),
         (&["--remove", "camera"], "invalid"),
         (&["--seconds", "0"], "above 0"),
-        (&["--baud", "0"], "1.."),
+        (&["--baud", "0"], "from 1 to"),
         (&["--cameras", "3"], "--until-calibrated"),
         (&["--csv", "-"], "name a file"),
         (&["--csv", "no/such/folder/a.csv"], "no folder"),

@@ -36,6 +36,8 @@ fn a_port_that_is_not_there_or_is_none() {
     let files = Files::new();
     let text = failure(&["--port", &files.path("ttyUSB0")]);
     assert!(text.contains("ttyUSB0 does not exist"), "{text}");
+    assert!(text.contains("if it is that of a simulation"), "{text}");
+    let text = failure(&["--port", "/dev/ttyNONE0"]);
     assert!(text.contains("plugged in"), "{text}");
     let file = files.write("notes.txt", "no port");
     let text = failure(&["--port", &file]);
