@@ -79,14 +79,15 @@ fn beside(place: &Path, known: Option<&Metadata>) -> io::Result<tempfile::NamedT
 pub(super) fn check_regular(path: &Path) -> anyhow::Result<()> {
     let check = || {
         let known = fs::metadata(path)?;
-        is_regular(&known, known.is_file())
+        check_kind(&known, known.is_file())
     };
     check().with_context(|| OfFile::unread(path))
 }
 
-fn is_regular(known: &Metadata, is_it: bool) -> anyhow::Result<()> {
+/// Refuses a folder, and what is of another kind than is read.
+fn check_kind(known: &Metadata, is_read: bool) -> anyhow::Result<()> {
     ensure!(!known.is_dir(), IS_FOLDER);
-    ensure!(is_it, "it is no regular file");
+    ensure!(is_read, "it is no regular file");
     Ok(())
 }
 
@@ -105,7 +106,7 @@ fn read_text(path: &Path, most: u64) -> anyhow::Result<String> {
     } else {
         let file = File::open(path)?;
         let known = file.metadata()?;
-        is_regular(&known, known.is_file() || is_pipe(&known))?;
+        check_kind(&known, known.is_file() || is_pipe(&known))?;
         check(known.len())?;
         Box::new(file)
     };

@@ -442,7 +442,11 @@ fn a_line_that_ends_too_early() {
             "it ended before everything was done",
         ),
         (&["--until-calibrated"], 1, until),
-        (&[], 1, ""),
+        (
+            &[],
+            1,
+            "no next stop can be named: `--site FILE.toml` tells both",
+        ),
     ] {
         let (port, name) = Site::start_until([CameraState::Waiting, pose()], true);
         let done = console(&name, arguments);

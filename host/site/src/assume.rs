@@ -1,6 +1,6 @@
 //! Values that a file leaves open although they matter.
 
-use std::{f64::consts::TAU, fmt};
+use std::{f64::consts::PI, fmt};
 
 use node_firmware::config::TargetConfig;
 
@@ -52,7 +52,7 @@ impl Scenario {
         let views = self.networks.iter().flat_map(|network| &network.cameras);
         let views = views.map(|camera| (camera.id, self.camera.for_camera(camera)));
         let mut views = views.filter_map(|(id, camera)| Some((id, camera.field_of_view_deg?)));
-        if let Some((id, view)) = views.find(|(_, view)| *view <= TAU) {
+        if let Some((id, view)) = views.find(|(_, view)| *view <= PI) {
             all.push(format!(
                 "`field_of_view_deg` of camera {id} is {view}: is it in radians? In degrees that is {:.1}",
                 view.to_degrees()
