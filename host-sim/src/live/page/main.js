@@ -23,7 +23,9 @@ function showAll() {
   // The latest state goes on: the shown part of it is of this moment.
   plan.show({...state, rays: state.rays, record: state.record && {...state.record}});
   const isOver = !link.isLost && eventHistory.latest.ended !== null && kind !== 'recorded';
-  setText(byId('link'), isOver ? 'the walk has ended' : link.words);
+  const isSilent = !link.isLost && isLineSilent(eventHistory.latest.record);
+  setText(byId('link'), isOver ? 'the walk has ended' : isSilent ? 'nothing comes on the line' : link.words);
+  byId('link').classList.toggle('lost', link.isLost || isSilent);
   showBanner(state);
   checklist.show(state, chosen);
   showObjects(byId('objects'), state);

@@ -32,6 +32,12 @@ function poseWords(record, node) {
     `roll ${digits(pose.roll_deg, 1)} \u00b1 ${digits(pose.sigma_roll_deg, 1)}\u00b0`;
 }
 
+// No coordinator speaks any more, such as those of a simulation that has ended.
+function isLineSilent(record) {
+  const coordinators = (record?.nodes ?? []).filter(node => node.role === 'coordinator');
+  return coordinators.length > 0 && coordinators.every(node => node.silent);
+}
+
 function showBanner(state) {
   const {verdict} = state;
   byId('banner').classList.toggle('good', Boolean(verdict?.good));
@@ -43,7 +49,7 @@ function showBanner(state) {
   }
   const [first, ...lines] = verdict.words.split('\n').map(line => line.trim()).filter(line => line);
   // A walk that has ended goes nowhere: then it is advice like the rest.
-  const next = state.ended === null ? lines.find(line => line.startsWith('Next')) : undefined;
+  const next = state.ended === null && !isLineSilent(state.record) ? lines.find(line => line.startsWith('Next')) : undefined;
   setText(byId('verdict'), first);
   setText(byId('walk'), next ?? '');
   // What needs attention comes first.
