@@ -34,8 +34,8 @@ function poseWords(record, node) {
 
 // No coordinator speaks any more, such as those of a simulation that has ended.
 function isLineSilent(record) {
-  const coordinators = (record?.nodes ?? []).filter(node => node.role === 'coordinator');
-  return coordinators.length > 0 && coordinators.every(node => node.silent);
+  const silent = (record?.nodes ?? []).filter(node => node.role === 'coordinator' && node.silent);
+  return silent.length > 0 && silent.length >= record.networks.length;
 }
 
 function showBanner(state) {
