@@ -3,7 +3,7 @@
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 
 use calib_core::Refusal;
-use results::record::{Estimate, verdict::half_turn};
+use results::record::{Estimate, Protection};
 use results::report::table::Words;
 use results::view::NetworkView;
 
@@ -30,6 +30,10 @@ pub fn table(known: &NetworkView) -> String {
         let number = |value: Option<f64>, digits: usize| {
             value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
         };
+        let bound = |of: fn(&Protection) -> f64, digits: usize| match &level {
+            Some(level) if level.is_boundless() => "any".to_owned(),
+            level => number(level.as_ref().map(of), digits),
+        };
         let reference = if member.is_reference() {
             ", reference"
         } else {
@@ -46,8 +50,8 @@ pub fn table(known: &NetworkView) -> String {
             status,
             number(estimate.as_ref().map(Estimate::sigma_position), 3),
             number(estimate.map(|estimate| estimate.sigma_heading_deg), 2),
-            number(level.map(|level| level.position), 2),
-            number(level.map(|level| half_turn(level.heading_deg)), 1),
+            bound(|level| level.position, 2),
+            bound(|level| level.heading_deg, 1),
             member
                 .report
                 .map_or_else(|| "-".to_owned(), |report| report.sightings.to_string()),

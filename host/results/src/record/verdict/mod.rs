@@ -28,7 +28,7 @@ pub use in_view::InView;
 pub(super) use in_view::{Edge, Floor, edges, is_free};
 pub use judge::Judge;
 pub(crate) use words::move_words;
-pub use words::{check_words, half_turn, health_words, status_words};
+pub use words::{check_words, health_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;

@@ -277,11 +277,6 @@ impl Finding {
     }
 }
 
-/// More than half a turn is none.
-pub fn half_turn(heading_deg: f64) -> f64 {
-    heading_deg.min(180.0)
-}
-
 /// Describes whether a pose is checked: what one wrong measurement could do to it.
 pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -> String {
     match level {
