@@ -122,6 +122,24 @@ fn a_place_that_is_asked_for_again_is_walked_back_to() {
     );
 }
 
+/// A PC that listens late knows some of the sightings: where to stop next, but not how much it helps.
+#[test]
+fn half_of_the_sightings_foretell_no_gain() {
+    let mut record = Sample::default().run();
+    unchecked(&mut record, 11);
+    let words = |record: &RunRecord| Verdict::of(record).to_string();
+    assert!(
+        words(&record).contains("one wrong measurement then moves"),
+        "{}",
+        words(&record)
+    );
+    let camera = record.nodes.iter_mut().find(|node| node.id == 5).unwrap();
+    camera.residuals.pop();
+    let words = words(&record);
+    assert!(words.contains("\nNext: "), "{words}");
+    assert!(!words.contains("then moves"), "{words}");
+}
+
 #[test]
 fn a_bound_that_turns_a_camera_round_is_none() {
     let words = |heading_deg| {

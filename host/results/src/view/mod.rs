@@ -836,6 +836,24 @@ mod tests {
     }
 
     #[test]
+    fn a_coordinator_that_never_spoke_is_named() {
+        let known = NetworkView::default();
+        let words = |seconds| {
+            let record = known.record(Duration::from_secs(seconds), None);
+            Verdict::of(&record).to_string()
+        };
+        assert_eq!(
+            words(5),
+            "0 of 0 cameras are calibrated: none is known yet.\n"
+        );
+        let silent = words(30);
+        assert!(
+            silent.contains("coordinator 60000: nothing has come on its line"),
+            "{silent}"
+        );
+    }
+
+    #[test]
     fn who_joins_again_has_one_present_address() {
         let mut known = NetworkView::default();
         known.take(NOW, &member(5, 7, CAMERA));

@@ -855,3 +855,28 @@ fn listed(kind: &str, ids: &[u16]) -> String {
         None => format!("no {kind}"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_sentence_hides_another() {
+        let long = format!(
+            "camera 8: it is {}far off: look at its lens",
+            "so ".repeat(20)
+        );
+        let sentences = [long, "camera 4: it waits".to_owned()];
+        let rows =
+            |room| at_a_glance(&sentences, room).map(|all| all.iter().map(Vec::len).collect());
+        assert_eq!(rows(1), None::<Vec<_>>);
+        assert_eq!(rows(2), Some(vec![1, 1]));
+        let longer = format!("camera 8: {}: {}", "not ".repeat(20), "right ".repeat(10));
+        let sentences = [longer, "camera 4: it waits".to_owned()];
+        let rows =
+            |room| at_a_glance(&sentences, room).map(|all| all.iter().map(Vec::len).collect());
+        assert_eq!(rows(2), Some(vec![1, 1]));
+        assert_eq!(rows(3), Some(vec![2, 1]));
+        assert_eq!(rows(4), Some(vec![2, 1]));
+    }
+}
