@@ -333,7 +333,22 @@ fn rows(
             sigma: seen.sigma_deg.to_radians(),
         })
     });
-    rows.take(ROWS).collect()
+    let rows: Vec<_> = rows.take(ROWS).collect();
+    // Of the target on an emulated board only the last stop is known; of a camera's own sightings the place that was told.
+    let entry = simulation.entry(camera);
+    if rows.len() >= entry.sightings.len() {
+        return rows;
+    }
+    let told = entry.sightings.values().filter_map(|kept| {
+        Some(Row {
+            target: kept.place.position().cast(),
+            target_variance: believed(&kept.place).variance(),
+            bearing: kept.seen.bearing.into(),
+            elevation: kept.seen.elevation.radians()?,
+            sigma: kept.seen.sigma.into(),
+        })
+    });
+    told.collect()
 }
 
 /// The cameras that became the references, or else those that are meant to: indices among the

@@ -33,6 +33,10 @@ fn cameras_that_look_down_calibrate() {
     assert_eq!(record.summary.calibrated, 6);
     for camera in record.cameras() {
         assert!(camera.nees.is_none_or(|nees| nees < 25.0), "{camera:?}");
+        // Where a reference's stops were is not read from a chip.
+        if camera.reference {
+            continue;
+        }
         let found = camera.estimate.and_then(|estimate| estimate.hung).unwrap();
         let error = camera.error.and_then(|error| error.hung).unwrap();
         for (error, sigma, least) in [
