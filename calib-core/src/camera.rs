@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use nalgebra::Vector2;
+
 use crate::{Ray, Real, numerics::real::lit};
 
 /// Spread of a camera's directions over its columns.
@@ -18,7 +20,65 @@ pub enum Projection {
     EqualAngle,
 }
 
-/// One row of a camera.
+/// Radial distortion of a lens: a direction `q` off the axis (its tangent with a pin-hole, its angle with equal angles)
+/// is seen `q (1 + k1 q^2 + k2 q^4)` focal lengths from the principal point. `OpenCV` measures the same k1 and k2 of a pin-hole.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Distortion<T> {
+    /// Of the third power: below zero where lines bend like a barrel.
+    pub k1: T,
+    /// Of the fifth power.
+    pub k2: T,
+}
+
+/// A picture that grows less than this with the direction is that of a lens's rim, or folded back.
+const LEAST_SLOPE: f64 = 0.05;
+
+/// Height of a picture over its width: a CMUcam2's, the highest one known here.
+const HEIGHT: f64 = 0.82;
+
+impl<T: Real> Distortion<T> {
+    /// Returns true if there is none.
+    pub fn is_none(&self) -> bool {
+        self.k1 == T::zero() && self.k2 == T::zero()
+    }
+
+    /// Distance from the principal point in focal lengths of a direction, and its derivative.
+    pub fn radius(&self, q: T) -> (T, T) {
+        let (u, k1, k2) = (q * q, self.k1, self.k2);
+        (
+            q * (T::one() + u * (k1 + u * k2)),
+            T::one() + u * (lit::<T>(3.0) * k1 + lit::<T>(5.0) * u * k2),
+        )
+    }
+
+    /// Returns true if the picture of such a direction grows with the direction.
+    pub(crate) fn is_within_rim(slope: T) -> bool {
+        slope > lit(LEAST_SLOPE)
+    }
+
+    /// The direction that is seen at this distance from the principal point, focal lengths from 0; `None` beyond the
+    /// lens's rim.
+    #[inline(never)] // for less flash
+    pub fn direction(&self, radius: T) -> Option<T> {
+        let mut q = radius;
+        for _ in 0..12 {
+            let (value, slope) = self.radius(q);
+            if !Self::is_within_rim(slope) {
+                // Too far out for a lens that folds back: nearer, where it does not.
+                q *= lit(0.8);
+                continue;
+            }
+            q = (q + (radius - value) / slope).max(T::zero());
+        }
+        let (value, slope) = self.radius(q);
+        let is_found = (value - radius).abs() < lit::<T>(1e-3) * (T::one() + radius);
+        (slope > T::zero() && is_found).then_some(q)
+    }
+}
+
+/// One row of a camera, and the rows above and below it.
 ///
 /// Columns count from 0 on the left. The field of view spans from the centre of the first column
 /// to the centre of the last one, so 88 columns of 60 degrees have their centre at 43.5 and see
@@ -31,8 +91,9 @@ pub struct Camera<T> {
     projection: Projection,
     last_column: T,
     principal_point: T,
-    /// Columns per unit of tangent (pin-hole) or per radian (equal-angle).
+    /// Columns per unit of tangent (pin-hole) or per radian (equal-angle), on the axis.
     focal_length: T,
+    distortion: Distortion<T>,
 }
 
 /// Reason why such a camera cannot exist.
@@ -46,6 +107,8 @@ pub enum CameraError {
     FieldOfView,
     /// The principal point is not a finite number.
     PrincipalPoint,
+    /// A lens of this distortion would fold the border of the picture back.
+    Distortion,
 }
 
 impl fmt::Display for CameraError {
@@ -57,6 +120,10 @@ impl fmt::Display for CameraError {
                  at most 360 degrees for an equal-angle one"
             }
             Self::PrincipalPoint => "the principal point must be a finite column",
+            Self::Distortion => {
+                "k1 and k2 fold the corners of the picture back: check their signs, and that they are those of this field \
+                 of view"
+            }
         })
     }
 }
@@ -91,6 +158,10 @@ impl<T: Real> Camera<T> {
             last_column,
             principal_point: centre,
             focal_length: centre / half_width,
+            distortion: Distortion {
+                k1: T::zero(),
+                k2: T::zero(),
+            },
         })
     }
 
@@ -125,6 +196,34 @@ impl<T: Real> Camera<T> {
         })
     }
 
+    /// The same field of view with this distortion. The focal length on the axis becomes another one.
+    ///
+    /// # Errors
+    /// The lens would fold back what is seen at a corner of a picture that is nearly as high as wide.
+    pub fn with_distortion(self, distortion: Distortion<T>) -> Result<Self, CameraError> {
+        let centre = self.last_column * lit(0.5);
+        let border = self.distortion.direction(centre / self.focal_length);
+        let camera = border.map(|border| Self {
+            focal_length: centre / distortion.radius(border).0,
+            distortion,
+            ..self
+        });
+        let is_whole = |camera: &Self| {
+            let aside = camera
+                .principal_point
+                .max(self.last_column - camera.principal_point);
+            let corner = Vector2::new(aside + T::one(), centre * lit(HEIGHT));
+            let corner = camera.undistorted(corner);
+            camera.focal_length > T::zero() && (distortion.is_none() || corner.is_some())
+        };
+        camera.filter(is_whole).ok_or(CameraError::Distortion)
+    }
+
+    /// The distortion of its lens.
+    pub fn distortion(&self) -> Distortion<T> {
+        self.distortion
+    }
+
     /// The projection this camera was made with.
     pub fn projection(&self) -> Projection {
         self.projection
@@ -151,7 +250,7 @@ impl<T: Real> Camera<T> {
     /// Not limited to the columns there are: see [`Camera::has_column`].
     #[inline]
     pub fn ray(&self, column: T) -> Ray<T> {
-        let left = (self.principal_point - column) / self.focal_length;
+        let left = self.direction(self.principal_point - column);
         match self.projection {
             Projection::PinHole => Ray {
                 forward: T::one(),
@@ -168,33 +267,113 @@ impl<T: Real> Camera<T> {
 
     /// The angle off the optical axis of so many columns' widths, along a row or across rows; radians.
     pub fn angle(&self, off: T) -> T {
-        let off = off / self.focal_length;
+        let off = self.direction(off);
         match self.projection {
             Projection::PinHole => off.atan(),
             Projection::EqualAngle => off,
         }
     }
 
-    /// Direction above the camera's own horizontal plane of what is seen at a bearing, and at this
-    /// [angle](Self::angle) above its middle row; radians.
-    pub fn elevation(&self, bearing: T, row: T) -> T {
+    /// Tangent or angle off the axis of so many columns' widths along the middle row.
+    #[inline]
+    fn direction(&self, off: T) -> T {
+        let off = off / self.focal_length;
+        if self.distortion.is_none() {
+            return off;
+        }
+        let found = self.distortion.direction(off.abs()).unwrap_or(off.abs());
+        if off < T::zero() { -found } else { found }
+    }
+
+    /// So many columns' widths left of and above the axis as the lens would show them without its distortion, in focal
+    /// lengths. `None` beyond its rim.
+    fn undistorted(&self, off: Vector2<T>) -> Option<Vector2<T>> {
+        let off = off / self.focal_length;
+        let radius = off.norm();
+        if self.distortion.is_none() || !(radius > T::zero()) {
+            return Some(off);
+        }
+        Some(off * (self.distortion.direction(radius)? / radius))
+    }
+
+    /// [`Camera::bearing`] of what is seen so many columns' widths above the middle row. Beside the middle row, only a
+    /// pin-hole without distortion has the same bearing in all of a column.
+    pub fn bearing_above(&self, column: T, above: T) -> T {
+        let left = self.principal_point - column;
+        let is_plain = self.projection == Projection::PinHole && self.distortion.is_none();
+        let off = self
+            .undistorted(Vector2::new(left, above))
+            .filter(|_| !is_plain);
+        match (self.projection, off) {
+            (_, None) => self.angle(left),
+            (Projection::PinHole, Some(off)) => off.x.atan(),
+            (Projection::EqualAngle, Some(off)) => {
+                let (sine, cosine) = off.norm().sine_cosine();
+                (off.x * over(sine, off.norm())).atan2(cosine)
+            }
+        }
+    }
+
+    /// Direction above the camera's own horizontal plane of the middle between two rows of a column, so many columns'
+    /// widths above the middle one; radians. `bearing` is that of the middle.
+    pub fn elevation(&self, bearing: T, column: T, rows: [T; 2]) -> T {
+        let half = lit::<T>(0.5);
+        let left = self.principal_point - column;
+        let seen = |up: T| self.undistorted(Vector2::new(left, up));
         match self.projection {
-            Projection::PinHole => (tangent(row) * bearing.sine_cosine().1).atan(),
-            Projection::EqualAngle => row,
+            Projection::PinHole => {
+                let [top, bottom] = rows.map(|row| {
+                    let row = seen(row).map_or(row / self.focal_length, |off| off.y);
+                    row.atan()
+                });
+                (tangent((top + bottom) * half) * bearing.sine_cosine().1).atan()
+            }
+            Projection::EqualAngle => {
+                let [top, bottom] = rows.map(|row| {
+                    let off = seen(row).unwrap_or_else(Vector2::zeros);
+                    let (sine, cosine) = off.norm().sine_cosine();
+                    let aside = over(sine, off.norm());
+                    (off.y * aside).atan2((Vector2::new(cosine, off.x * aside)).norm())
+                });
+                (top + bottom) * half
+            }
         }
     }
 
     /// Standard deviation of [`Camera::bearing`], radians, when the column's is `column_sigma`.
     /// A pin-hole's columns are narrower towards the border: `cos(phi)^2 / f`.
     pub fn bearing_sigma(&self, column: T, column_sigma: T) -> T {
-        let sigma = column_sigma / self.focal_length;
+        let mut sigma = column_sigma / self.focal_length;
+        let off = self.direction(self.principal_point - column);
+        if !self.distortion.is_none() {
+            sigma /= self.distortion.radius(off).1.max(lit(LEAST_SLOPE));
+        }
         match self.projection {
-            Projection::PinHole => {
-                let tan = (self.principal_point - column) / self.focal_length;
-                sigma / (T::one() + tan * tan)
-            }
+            Projection::PinHole => sigma / (T::one() + off * off),
             Projection::EqualAngle => sigma,
         }
+    }
+
+    /// Width of a ball over its height, both as pictured, where its middle is at a column and so many columns' widths
+    /// above the middle row: the lens stretches it along the radius, and across it.
+    pub fn stretch(&self, column: T, above: T) -> T {
+        let seen = self.undistorted(Vector2::new(self.principal_point - column, above));
+        let Some(off) = seen.filter(|off| off.norm() > T::zero()) else {
+            return T::one();
+        };
+        let q = off.norm();
+        let (radius, slope) = self.distortion.radius(q);
+        // Picture by the angle, along the radius, and by the arc across it.
+        let (along, across) = match self.projection {
+            Projection::PinHole => {
+                let square = T::one() + q * q;
+                (slope * square, radius / q * square.sqrt())
+            }
+            Projection::EqualAngle => (slope, radius * over(q, q.sine_cosine().0) / q),
+        };
+        let (along, across, aside) = (along * along, across * across, off / q);
+        let part = |aside: T| across + (along - across) * aside * aside;
+        (part(aside.x) / part(aside.y)).sqrt()
     }
 
     /// [`Camera::bearing_sigma`] of a column that was rounded to a whole one, as the CMUcam2 does:
@@ -210,8 +389,21 @@ impl<T: Real> Camera<T> {
             Projection::PinHole => return None,
             Projection::EqualAngle => ray.bearing(),
         };
-        let column = self.principal_point - left * self.focal_length;
+        let (shown, slope) = self.distortion.radius(left);
+        if !Distortion::is_within_rim(slope) {
+            return None;
+        }
+        let column = self.principal_point - shown * self.focal_length;
         self.has_column(column).then_some(column)
+    }
+}
+
+/// A quotient of two numbers that vanish together, where it is 1.
+fn over<T: Real>(number: T, by: T) -> T {
+    if by.abs() > T::default_epsilon() {
+        number / by
+    } else {
+        T::one()
     }
 }
 
@@ -263,6 +455,104 @@ mod tests {
         }
     }
 
+    /// The columns and rows of a direction by the formula of a distorted lens, and back.
+    #[test]
+    fn a_distorted_picture_is_seen_as_it_is() {
+        for (projection, [k1, k2]) in [
+            (Projection::PinHole, [-0.3, 0.08]),
+            (Projection::PinHole, [0.2, 0.0]),
+            (Projection::EqualAngle, [0.0, 0.0]),
+            (Projection::EqualAngle, [-0.05, 0.01]),
+        ] {
+            let plain = Camera::new(projection, 161, 80_f64.to_radians()).unwrap();
+            let camera = plain.with_distortion(Distortion { k1, k2 }).unwrap();
+            // The field of view is still that from the first column to the last one.
+            assert!((camera.bearing(0.0).to_degrees() - 40.0).abs() < 1e-9);
+            assert!((camera.bearing(160.0).to_degrees() + 40.0).abs() < 1e-9);
+            let focal = camera.focal_length;
+            for (bearing, elevation) in [
+                (0.5, 0.0),
+                (0.5, 0.35),
+                (-0.3, -0.4),
+                (0.0, 0.3),
+                (0.0, 0.0),
+            ] {
+                let (forward, left, up) = (
+                    f64::cos(elevation) * f64::cos(bearing),
+                    f64::cos(elevation) * f64::sin(bearing),
+                    f64::sin(elevation),
+                );
+                let (x, y) = match projection {
+                    Projection::PinHole => (left / forward, up / forward),
+                    Projection::EqualAngle => {
+                        let share = over(forward.acos(), left.hypot(up));
+                        (left * share, up * share)
+                    }
+                };
+                let r2 = x * x + y * y;
+                let factor = focal * (1.0 + k1 * r2 + k2 * r2 * r2);
+                let (column, row) = (80.0 - x * factor, y * factor);
+                assert!((camera.bearing_above(column, row) - bearing).abs() < 1e-9);
+                let found = camera.elevation(bearing, column, [row, row]);
+                assert!((found - elevation).abs() < 1e-9, "{found} {elevation}");
+                if elevation == 0.0 {
+                    assert!((camera.bearing(column) - bearing).abs() < 1e-9);
+                    let back = camera.column(camera.ray(column)).unwrap();
+                    assert!((back - column).abs() < 1e-9);
+                }
+                // Columns and rows of a small ball's outline, from a circle of directions around its middle.
+                let outline = |turn: f64| {
+                    let (sine, cosine) = turn.sin_cos();
+                    let (small, own) = (1e-4, nalgebra::Vector3::new(forward, left, up));
+                    let aside = own.cross(&nalgebra::Vector3::z()).normalize();
+                    let seen = own + (aside * cosine + own.cross(&aside) * sine) * small;
+                    let (x, y) = match projection {
+                        Projection::PinHole => (seen.y / seen.x, seen.z / seen.x),
+                        Projection::EqualAngle => {
+                            let aside = seen.y.hypot(seen.z);
+                            let share = aside.atan2(seen.x) / aside;
+                            (seen.y * share, seen.z * share)
+                        }
+                    };
+                    let r2 = x * x + y * y;
+                    let factor = 1.0 + k1 * r2 + k2 * r2 * r2;
+                    (x * factor, y * factor)
+                };
+                let points = (0..720).map(|n| outline(f64::from(n).to_radians() / 2.0));
+                let [mut from, mut to] = [[f64::MAX; 2], [f64::MIN; 2]];
+                for (x, y) in points {
+                    for (axis, value) in [x, y].into_iter().enumerate() {
+                        from[axis] = from[axis].min(value);
+                        to[axis] = to[axis].max(value);
+                    }
+                }
+                let stretched = (to[0] - from[0]) / (to[1] - from[1]);
+                let found = camera.stretch(column, row);
+                assert!(
+                    (found / stretched - 1.0).abs() < 1e-3,
+                    "{found} {stretched}"
+                );
+            }
+        }
+    }
+
+    /// A lens that shows its border nearer to the axis than what is within.
+    #[test]
+    fn a_lens_that_folds_back_is_refused() {
+        let camera = Camera::pin_hole(88, 90_f64.to_radians()).unwrap();
+        for (k1, k2) in [(-0.5, 0.0), (0.0, -0.3), (f64::NAN, 0.0)] {
+            let folded = camera.with_distortion(Distortion { k1, k2 });
+            assert_eq!(folded, Err(CameraError::Distortion), "{k1} {k2}");
+        }
+        let none = Distortion { k1: 0.0, k2: 0.0 };
+        assert_eq!(camera.with_distortion(none), Ok(camera));
+        let barrel = Distortion { k1: -0.1, k2: 0.0 };
+        let distorted = camera.with_distortion(barrel).unwrap();
+        assert_eq!(distorted.distortion(), barrel);
+        // Beyond the rim, where the tangent is 1.8.
+        assert_eq!(distorted.column(Ray::from_bearing(1.2)), None);
+    }
+
     #[test]
     fn what_is_out_of_view_has_no_column() {
         let camera = Camera::pin_hole(88, 60_f64.to_radians()).unwrap();
@@ -279,8 +569,11 @@ mod tests {
     /// The sigma is the derivative: compare with a difference quotient.
     #[test]
     fn sigma_is_the_slope() {
-        for projection in [Projection::PinHole, Projection::EqualAngle] {
-            let camera = Camera::new(projection, 88, 1.0_f64).unwrap();
+        let plain = [Projection::PinHole, Projection::EqualAngle]
+            .map(|projection| Camera::new(projection, 88, 1.0_f64).unwrap());
+        let barrel = Distortion { k1: -0.3, k2: 0.02 };
+        let distorted = plain.map(|camera| camera.with_distortion(barrel).unwrap());
+        for camera in plain.into_iter().chain(distorted) {
             for column in [0.0, 20.0, 43.5, 87.0] {
                 let h = 1e-4;
                 let slope = (camera.bearing(column - h) - camera.bearing(column + h)) / (2.0 * h);
@@ -318,6 +611,7 @@ mod tests {
             (CameraError::Columns, "two columns"),
             (CameraError::FieldOfView, "field of view"),
             (CameraError::PrincipalPoint, "principal point"),
+            (CameraError::Distortion, "k1 and k2"),
         ] {
             assert!(error.to_string().contains(words));
         }

@@ -2,12 +2,14 @@
 
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
-use crate::{Real, camera::Projection, numerics::real::lit};
+use crate::{
+    Real,
+    camera::{Distortion, Projection},
+};
 
 /// A lens, with what is known of it.
 ///
-/// A direction `q` off the axis (its tangent with a pin-hole, its angle with equal angles) is seen
-/// `q (1 + k1 q^2 + k2 q^4)` focal lengths from the principal point.
+/// [`Distortion`] says where a direction is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lens<T: Real> {
@@ -59,20 +61,7 @@ impl<T: Real> Lens<T> {
         if !(radius > T::default_epsilon()) {
             return radius.is_finite().then(Vector3::x);
         }
-        let mut q = radius;
-        for _ in 0..12 {
-            let (value, slope) = self.radius(q);
-            if !(slope > lit(0.05)) {
-                // Too far out for a lens that folds back: nearer, where it does not.
-                q *= lit(0.8);
-                continue;
-            }
-            q = (q + (radius - value) / slope).max(T::zero());
-        }
-        let (value, slope) = self.radius(q);
-        if !(slope > T::zero() && (value - radius).abs() < lit::<T>(1e-3) * (T::one() + radius)) {
-            return None;
-        }
+        let q = self.distorted().direction(radius)?;
         let aside = off / radius;
         let (sine, cosine) = match self.projection {
             Projection::PinHole => (q, T::one()),
@@ -81,13 +70,9 @@ impl<T: Real> Lens<T> {
         Some(Vector3::new(cosine, sine * aside.x, sine * aside.y))
     }
 
-    /// Distance from the principal point in focal lengths, and its derivative.
-    fn radius(&self, q: T) -> (T, T) {
-        let (u, k) = (q * q, &self.distortion);
-        (
-            q * (T::one() + u * (k.x + u * k.y)),
-            T::one() + u * (lit::<T>(3.0) * k.x + lit::<T>(5.0) * u * k.y),
-        )
+    fn distorted(&self) -> Distortion<T> {
+        let [[k1, k2]] = self.distortion.data.0;
+        Distortion { k1, k2 }
     }
 
     /// The pixel that shows a direction (forward, left, up) of any length; `None` behind the camera, or
@@ -108,8 +93,8 @@ impl<T: Real> Lens<T> {
             Projection::PinHole => return None,
             Projection::EqualAngle => (h.atan2(forward), -h / squared, forward / squared),
         };
-        let (value, slope) = self.radius(q);
-        if !(slope > lit(0.05) && squared > T::zero()) {
+        let (value, slope) = self.distorted().radius(q);
+        if !(Distortion::is_within_rim(slope) && squared > T::zero()) {
             return None;
         }
         let is_axis = !(h > T::default_epsilon() * forward.abs());

@@ -1,6 +1,6 @@
 //! The camera that recorded pixel columns are of.
 
-use calib_core::camera::{Camera, CameraError, Projection};
+use calib_core::camera::{Camera, CameraError, Distortion, Projection};
 use clap::{Args, ValueEnum};
 
 use super::values;
@@ -28,6 +28,12 @@ pub(super) struct CameraOptions {
     /// The column of the optical axis, counted from 0 [default: the middle].
     #[arg(long, value_name = "COLUMN", value_parser = values::finite, requires = "fov_deg")]
     principal: Option<f64>,
+    /// Radial distortion of the lens, k1 and k2, as calibration tools print them [default: none].
+    #[arg(
+        long, value_names = ["K1", "K2"], num_args = 2, allow_negative_numbers = true, value_parser = values::finite,
+        requires = "fov_deg"
+    )]
+    distortion: Option<Vec<f64>>,
 }
 
 #[derive(Clone, Copy, Default, ValueEnum)]
@@ -65,9 +71,13 @@ impl CameraOptions {
             self.columns.unwrap_or(usual_columns),
             field_of_view.to_radians(),
         )?;
-        match self.principal {
-            Some(column) => camera.with_principal_point(column),
-            None => Ok(camera),
+        let camera = match self.principal {
+            Some(column) => camera.with_principal_point(column)?,
+            None => camera,
+        };
+        match self.distortion.as_deref() {
+            Some(&[k1, k2]) => camera.with_distortion(Distortion { k1, k2 }),
+            _ => Ok(camera),
         }
         .map(Some)
     }

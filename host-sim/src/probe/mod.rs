@@ -25,7 +25,7 @@ use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
 use node_firmware::vision::{
     Blob, Grid, Rows,
-    steady::{Shape, Steadiness, Steady},
+    steady::{Direction, Shape, Steadiness, Steady},
 };
 
 /// The camera on a line.
@@ -50,15 +50,7 @@ pub struct View {
 }
 
 /// Direction of an object, radians.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bearing {
-    /// Offset from the optical axis, positive to the left.
-    pub bearing: f64,
-    /// Its standard deviation.
-    pub sigma: f64,
-    /// Direction above the camera's own horizontal plane, where both its upper and lower edge are seen.
-    pub elevation: Option<f64>,
-}
+pub type Bearing = Direction<f64>;
 
 impl View {
     /// A view of `columns` columns whose leftmost one has the number `first` in packets, as has the
@@ -119,14 +111,7 @@ impl View {
 
     /// The direction of a blob that stood still.
     pub fn bearing(&self, steady: &Steady) -> Option<Bearing> {
-        self.camera.map(|camera| {
-            let (bearing, sigma) = steady.bearing(&camera, 0.0);
-            Bearing {
-                bearing,
-                sigma,
-                elevation: steady.elevation(&camera, bearing),
-            }
-        })
+        self.camera.map(|camera| steady.direction(&camera, 0.0))
     }
 
     /// The column, from 0, that lies in the direction of a blob that stood still. Without a camera

@@ -7,6 +7,7 @@
 //!
 //! [camera]                     # for angles and places in the world
 //! fov_deg = 45.0               # horizontal field of view
+//! distortion = [0.0, 0.0]      # k1 and k2 of its lens
 //! x = 0.0
 //! y = 0.0
 //! height = 0.4
@@ -100,6 +101,7 @@ struct CameraTable {
     height: f64,
     heading_deg: f64,
     servo_step_deg: f64,
+    distortion: [f64; 2],
 }
 
 impl Default for CameraTable {
@@ -112,6 +114,7 @@ impl Default for CameraTable {
             height: 0.0,
             heading_deg: 0.0,
             servo_step_deg: 0.0,
+            distortion: [0.0; 2],
         }
     }
 }
@@ -192,6 +195,12 @@ impl Scene {
         let Some(lens) = lens else {
             return Err(SceneError::Sense(
                 "camera.fov_deg must be above 0 and below 180".into(),
+            ));
+        };
+        let Some(lens) = lens.with_distortion(camera.distortion) else {
+            return Err(SceneError::Sense(
+                "camera.distortion must be k1 and k2 of a lens that does not fold its picture back: check their signs"
+                    .into(),
             ));
         };
         let levels = (0.0..=100.0).contains(&file.noise);
@@ -391,6 +400,10 @@ mod tests {
             (&nose, "nose"),
             (gradient, "middle"),
             (&camera("fov_deg = 180.0"), "below 180"),
+            (
+                &camera("distortion = [-3.0, 0.0]"),
+                "camera.distortion must be k1 and k2",
+            ),
             (
                 &camera("heading_deg = inf"),
                 "camera.heading_deg is inf: it must be finite",

@@ -412,6 +412,7 @@ impl super::file::CameraTable {
                 .unwrap_or_else(|| self.field_of_view_deg()) as f32,
             projection: model.projection.unwrap_or_else(|| self.projection()),
             principal_column: model.principal_column.map(|column| column as f32),
+            distortion: { model.distortion.unwrap_or(self.distortion()) }.map(|k| k as f32),
         }
     }
 }

@@ -215,6 +215,9 @@ pub struct CameraTable {
     /// Angle from the middle of the first column to that of the last one, degrees. Assumed if
     /// missing: 60.
     pub field_of_view_deg: Option<f64>,
+    /// k1 and k2 of its radial distortion. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<[f64; 2]>,
     /// Distance up to which it sees. Default 8.
     pub range: f64,
     /// The lens that nodes believe to have, where it is not the real one.
@@ -246,6 +249,7 @@ impl Default for CameraTable {
             sensor: SensorName::default(),
             projection: None,
             field_of_view_deg: None,
+            distortion: None,
             range: 8.0,
             model: ModelTable::default(),
             field_of_view_sigma: None,
@@ -301,6 +305,11 @@ impl CameraTable {
         self.field_of_view_deg.unwrap_or(sold)
     }
 
+    /// The real lens's k1 and k2.
+    pub(crate) fn distortion(&self) -> [f64; 2] {
+        self.distortion.unwrap_or_default()
+    }
+
     /// Columns and rows of its frames.
     pub fn size(&self) -> [u16; 2] {
         match self.kind.model() {
@@ -321,6 +330,7 @@ impl CameraTable {
             sensor: camera.sensor.unwrap_or(all.sensor),
             projection: camera.projection.or(all.projection),
             field_of_view_deg: camera.field_of_view_deg.or(all.field_of_view_deg),
+            distortion: camera.distortion.or(all.distortion),
             range: camera.range.unwrap_or(all.range),
             model: camera.model.unwrap_or(all.model),
             baud: camera.baud.or(all.baud),
@@ -343,6 +353,9 @@ pub struct ModelTable {
     /// Column of the optical axis. Default: in the middle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub principal_column: Option<f64>,
+    /// k1 and k2. Default: the real ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<[f64; 2]>,
 }
 
 /// A camera of a network.
@@ -381,6 +394,9 @@ pub struct PlacedCamera {
     /// In place of [`CameraTable::field_of_view_deg`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_of_view_deg: Option<f64>,
+    /// In place of [`CameraTable::distortion`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<[f64; 2]>,
     /// In place of [`CameraTable::range`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<f64>,

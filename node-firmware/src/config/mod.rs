@@ -14,11 +14,7 @@ pub mod page;
 
 mod key;
 
-use calib_core::{
-    Limits,
-    camera::{Camera, Projection},
-    level::Tolerance,
-};
+use calib_core::{Limits, camera::Camera, level::Tolerance};
 use flash_log::Crc32;
 use heapless::Vec;
 use pixy_driver::Model;
@@ -463,10 +459,7 @@ impl CameraConfig {
         let shape = if self.has_round_targets() {
             Shape::Round {
                 rows_per_column: self.kind.rows_per_column(),
-                tangent: match optics.projection() {
-                    Projection::PinHole => optics.bearing_sigma(optics.principal_point(), 1.0),
-                    Projection::EqualAngle => 0.0,
-                },
+                optics: Some(optics),
             }
         } else {
             Shape::Any
@@ -524,6 +517,16 @@ impl Config {
         }
     }
 
+    /// k1 and k2 of a camera's lens that has a distortion.
+    fn distortion(&self) -> Option<[f32; 2]> {
+        match &self.role {
+            RoleConfig::Camera(camera) => {
+                Some(camera.lens.distortion).filter(|distortion| *distortion != [0.0; 2])
+            }
+            _ => None,
+        }
+    }
+
     /// Number of the owner of the facts that the [memory](crate::facts) may hold. It changes with the site,
     /// the node's number and role, and with the parts of a camera's configuration that give its sightings and
     /// its frame their meaning. Facts learnt before such a change would be false after it: addresses are
@@ -575,6 +578,10 @@ impl Config {
                 camera.frame_heading_deg,
             ] {
                 sum.add(&float(number));
+            }
+            // So that a lens without any has the number that it had before there was a distortion.
+            for k in self.distortion().into_iter().flatten() {
+                sum.add(&k.to_le_bytes());
             }
         }
         sum.sum()

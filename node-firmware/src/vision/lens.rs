@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use calib_core::camera::{Camera, CameraError, Projection};
+use calib_core::camera::{Camera, CameraError, Distortion, Projection};
 use serde::{Deserialize, Serialize};
 
 /// A camera's lens and columns.
@@ -20,6 +20,10 @@ pub struct Lens {
     pub projection: Projection,
     /// Column of the optical axis, 0 to `columns - 1`; `None`: in the middle.
     pub principal_column: Option<f32>,
+    /// k1 and k2 of its radial [`Distortion`]; 0 of a lens that has none.
+    // Behind all else in a page, where older ones have nothing.
+    #[serde(skip)]
+    pub distortion: [f32; 2],
 }
 
 impl Lens {
@@ -30,6 +34,7 @@ impl Lens {
             field_of_view_deg,
             projection: Projection::PinHole,
             principal_column: None,
+            distortion: [0.0; 2],
         }
     }
 
@@ -40,13 +45,15 @@ impl Lens {
     pub fn camera(&self) -> Result<Camera<f32>, LensError> {
         let view = self.field_of_view_deg.to_radians();
         let camera = Camera::new(self.projection, self.columns, view).map_err(LensError::Camera)?;
-        match self.principal_column {
+        let camera = match self.principal_column {
             None => Ok(camera),
-            Some(column) if !camera.has_column(column) => Err(LensError::PrincipalColumn),
-            Some(column) => camera
-                .with_principal_point(column)
-                .map_err(LensError::Camera),
-        }
+            Some(column) if !camera.has_column(column) => return Err(LensError::PrincipalColumn),
+            Some(column) => camera.with_principal_point(column),
+        };
+        let [k1, k2] = self.distortion;
+        camera
+            .and_then(|camera| camera.with_distortion(Distortion { k1, k2 }))
+            .map_err(LensError::Camera)
     }
 }
 

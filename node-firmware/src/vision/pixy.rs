@@ -293,7 +293,7 @@ mod tests {
         let camera = Lens::pin_hole(316, 60.0).camera().unwrap();
         let shape = Shape::Round {
             rows_per_column: 1.0,
-            tangent: 0.0,
+            optics: None,
         };
         let mut judge = Judge::new(camera, Patience::default(), shape);
         let mut looks = (0..40).map(|_| judge.push(Some(blob(Model::Pixy2, largest, next))));

@@ -156,8 +156,8 @@ Scenes (--scene FILE.toml):
   light               colour of the light, three factors [default: white]
   noise               standard deviation of each pixel, levels [default: 0]
   flicker             change of the light from frame to frame, a fraction [default: 0]
-  [camera]            fov_deg, x, y, height, heading_deg; servo_step_deg: how far one step of
-                      the pan servo turns it
+  [camera]            fov_deg; distortion = [k1, k2]; x, y, height, heading_deg; servo_step_deg: how far one
+                      step of the pan servo turns it
   [background]        plain = COLOUR, or gradient = { top, bottom }, or
                       blocks = { columns, rows, colours }
   [[object]]          from back to front: colour, shape (\"disc\", \"box\" or { tag = N }), repeat, and stops,

@@ -197,7 +197,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
         Model::OpenMvTags => Shape::Any,
         _ => Shape::Round {
             rows_per_column: 1.0,
-            tangent: 0.0,
+            optics: None,
         },
     };
     let frames = usize::from(Patience::default().frames);

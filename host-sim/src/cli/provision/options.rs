@@ -42,6 +42,14 @@ pub(super) struct Options {
     /// Projection of the lens: `pin-hole` as real lenses, or `equal-angle`.
     #[arg(long, value_name = "KIND", help_heading = "Camera")]
     projection: Option<String>,
+    /// Radial distortion of the lens, k1 and k2, as calibration tools print them.
+    #[arg(
+        long,
+        value_name = "K1,K2",
+        allow_hyphen_values = true,
+        help_heading = "Camera"
+    )]
+    distortion: Option<String>,
     /// Baud rate that the CMUcam2's jumpers select.
     #[arg(long, help_heading = "Camera", value_parser = values::whole(0, u32::MAX))]
     baud: Option<u32>,
@@ -137,6 +145,12 @@ impl Options {
         lens.extend(view.map(|view| ("field-of-view-deg".to_owned(), view)));
         let projection = self.projection.clone().map(Value::String);
         lens.extend(projection.map(|kind| ("projection".to_owned(), kind)));
+        if let Some(text) = &self.distortion {
+            let distortion = numbers::<2>(text).with_context(|| {
+                format!("--distortion is two numbers, for example -0.2,0.03, not `{text}`")
+            })?;
+            lens.insert("distortion".to_owned(), distortion);
+        }
         put("lens", some_table(lens));
         put("baud", self.baud.map(integer));
         let mut reference = Table::new();

@@ -250,6 +250,7 @@ fn a_file_sets_everything_and_options_stand_over_it() {
         field-of-view-deg = 45
         projection = "equal-angle"
         principal-column = 40.5
+        distortion = [-0.125, 0.5]
         [reference]
         duty = "first"
         [subjects.motion]
@@ -270,6 +271,7 @@ fn a_file_sets_everything_and_options_stand_over_it() {
         field_of_view_deg: 45.0,
         projection: calib_core::camera::Projection::EqualAngle,
         principal_column: Some(40.5),
+        distortion: [-0.125, 0.5],
     };
     let mut expected = CameraConfig::new(lens, Subjects::Motion { threshold: 20 });
     expected.baud = 57_600;

@@ -120,6 +120,7 @@ const SITE: &[Key] = &[
     key("network[].camera[].sensor", Same("camera.sensor"), Is("`[camera]`'s"), Both, "Its own image sensor."),
     key("network[].camera[].projection", Same("camera.projection"), Is("`[camera]`'s"), Both, "Its own lens."),
     key("network[].camera[].field_of_view_deg", Same("camera.field_of_view_deg"), Is("`[camera]`'s"), Both, "Its own lens."),
+    key("network[].camera[].distortion", Same("camera.distortion"), Is("`[camera]`'s"), Both, "Its own lens."),
     key("network[].camera[].range", Same("camera.range"), Is("`[camera]`'s"), Rehearsal, "How far this one sees."),
     key("network[].camera[].model", Same("camera.model"), Is("`[camera]`'s"), Nodes, "What its own node believes."),
     key("network[].camera[].baud", Same("camera.baud"), Is("`[camera]`'s"), Both, "Its own line."),
@@ -139,6 +140,7 @@ const SITE: &[Key] = &[
 
     key("camera.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("asked for; a rehearsal assumes 60, of a Pixy 75, of an OpenMV Cam 70.8"), Both, "Angle from the middle of the first column to that of the last one."),
     key("camera.projection", Choice(&["pin-hole", "equal-angle"]), Is("asked for; a rehearsal assumes that of the variant"), Both, "How directions are spread over the columns."),
+    key("camera.distortion", Numbers(2, -10.0, 10.0, ": k1 and k2"), Is("[0, 0], none"), Both, "Radial distortion of the lens: a tangent `r` off the axis (with equal angles, an angle) is seen at `r (1 + k1 r^2 + k2 r^4)`, as OpenCV has it."),
     key("camera.kind", Choice(&["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"]), Camera("kind"), Both, "Which camera it is. All but a CMUcam2 are taught the targets' colours beforehand: the first colour of their network as signature 1, and so on. With `openmv-tags`, an OpenMV Cam that looks for AprilTags, the first target of a network wears tag 0, the next one tag 1, and so on. `motion` is nothing to these."),
     key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor of a CMUcam2: 88 columns or 160."),
     key("camera.baud", OneOf(&BAUD_RATES), Is("38400; 19200 of others"), Both, "Baud rate that a CMUcam2's jumpers select, or that was set in another camera."),
@@ -154,6 +156,7 @@ const SITE: &[Key] = &[
     key("camera.model.projection", Choice(&["pin-hole", "equal-angle"]), Is("the real one"), Nodes, "How directions are spread over the columns."),
     key("camera.model.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("the real one"), Nodes, "As it was measured."),
     key("camera.model.principal_column", Number(0.0, 315.0, ": a column of the lens"), Is("the middle"), Nodes, "Column of the optical axis."),
+    key("camera.model.distortion", Numbers(2, -10.0, 10.0, ": k1 and k2"), Is("the real one"), Nodes, "As it was measured. [0, 0]: nodes know of none."),
 ];
 
 #[rustfmt::skip]

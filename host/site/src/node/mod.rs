@@ -103,6 +103,9 @@ const COMMON: [&str; 6] = ["role", "id", "channels", "tx-power", "protection", "
 /// Tables whose parts have usual values of their own.
 const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
+/// Name of a lens's k1 and k2.
+const DISTORTION: &str = "distortion";
+
 /// Lens of a CMUcam2 with the OV6620. The field of view is always given.
 const LENS: Lens = Lens::pin_hole(88, 45.0);
 /// A CMUcam2's columns with either of its sensors.
@@ -279,7 +282,14 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
                     CameraConfig::new(LENS, Subjects::Colours(colours))
                 }
             };
-            let own: CameraConfig = parameters(common.role, &usual, table)?;
+            // No field of the body of a page.
+            let lens = table.get_mut("lens").and_then(Value::as_table_mut);
+            let distortion = lens.and_then(|lens| lens.remove(DISTORTION));
+            let mut own: CameraConfig = parameters(common.role, &usual, table)?;
+            own.lens.distortion = distortion
+                .map(Value::try_into)
+                .transpose()?
+                .unwrap_or_default();
             let columns = own.lens.columns;
             if own.kind == CameraKind::Cmucam2 && !COLUMNS.contains(&columns) {
                 return Err(NodeError::Columns(columns));

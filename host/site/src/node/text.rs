@@ -4,7 +4,7 @@ use node_firmware::config::{Config, RoleConfig, page};
 use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
-use super::{NodeError, RoleName};
+use super::{DISTORTION, NodeError, RoleName};
 
 /// All of a configuration but its key, in the form in which [`config`](super::config) takes it.
 ///
@@ -19,7 +19,14 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
     };
     let role = RoleName::from(&config.role);
     let own = match &config.role {
-        RoleConfig::Camera(camera) => toml::to_string(camera)?,
+        RoleConfig::Camera(camera) => {
+            let mut own = Table::try_from(camera)?;
+            let distortion = camera.lens.distortion.map(f64::from).map(Value::Float);
+            if let Some(lens) = own.get_mut("lens").and_then(Value::as_table_mut) {
+                lens.insert(DISTORTION.into(), Value::Array(distortion.to_vec()));
+            }
+            own.to_string()
+        }
         RoleConfig::Target(target) => toml::to_string(target)?,
         RoleConfig::Coordinator(coordinator) => {
             let allow = coordinator.allow.iter().copied().map(i64::from);
@@ -41,7 +48,7 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
          protection = {protection}\n\
          sleep = {sleep}\n\
          {own}",
-        version = page::VERSION,
+        version = page::version(config),
         index = config.site_key.index(),
         id = config.id,
         power = config.tx_power,

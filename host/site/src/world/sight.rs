@@ -110,15 +110,21 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
     for (n, (index, ball)) in balls.iter().enumerate() {
         let mut shadows = ball.shadows(world, camera);
         let lens = &camera.lens;
-        let limit = lens.limit() - 1e-6;
-        let clamped = |bearing: f64| lens.across(bearing.clamp(-limit, limit));
-        let row = |elevation: f64| lens.down(elevation.clamp(-limit, limit));
-        let extent = Extent {
-            left: clamped(ball.bearing + ball.half_width),
-            right: clamped(ball.bearing - ball.half_width),
-            top: row(ball.elevation + ball.half_height),
-            bottom: row(ball.elevation - ball.half_height),
+        let outline = |right: f64, left: f64| {
+            let bearing = ball.bearing + f64::midpoint(right, left);
+            lens.outline(
+                bearing,
+                ball.elevation,
+                (left - right) / 2.0,
+                ball.half_height,
+            )
         };
+        let extent = lens.outline(
+            ball.bearing,
+            ball.elevation,
+            ball.half_width,
+            ball.half_height,
+        );
         view.patches.push(Patch {
             target: Some(*index),
             colour: Some(world.targets[*index].colour),
@@ -128,10 +134,9 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
         // Before the ball, but behind the nearer balls that come later.
         for [right, left] in &shadows {
             let cover = Extent {
-                left: clamped(ball.bearing + left.min(ball.half_width)),
-                right: clamped(ball.bearing + right.max(-ball.half_width)),
                 top: 0.0,
                 bottom: 1.0,
+                ..outline(right.max(-ball.half_width), left.min(ball.half_width))
             };
             if cover.left < cover.right {
                 view.patches.push(Patch {
@@ -202,8 +207,8 @@ impl Ball {
             half_height: half_width(of_rows, radius),
         };
         let in_view = distance <= camera.range
-            && ball.bearing.abs() - ball.half_width < camera.lens.half_view()
-            && ball.elevation.abs() - ball.half_height < camera.lens.half_height();
+            && ball.bearing.abs() - ball.half_width < camera.lens.half_view_at(ball.elevation)
+            && ball.elevation.abs() - ball.half_height < camera.lens.half_height_at(ball.bearing);
         in_view.then_some(ball)
     }
 
@@ -239,7 +244,7 @@ impl Ball {
     }
 
     fn seen(&self, camera: &Camera, shadows: Vec<Shadow>) -> Option<Sight> {
-        let border = camera.lens.half_view();
+        let border = camera.lens.half_view_at(self.elevation);
         let whole = [
             (self.bearing - self.half_width).max(-border),
             (self.bearing + self.half_width).min(border),
@@ -253,7 +258,8 @@ impl Ball {
             distance: self.distance,
             bearing: self.bearing,
             half_width: self.half_width,
-            is_high_enough: self.elevation.abs() + self.half_height <= camera.lens.half_height(),
+            is_high_enough: self.elevation.abs() + self.half_height
+                <= camera.lens.half_height_at(self.bearing),
             visible,
         })
     }

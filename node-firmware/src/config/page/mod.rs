@@ -3,27 +3,31 @@
 //! | bytes | what |
 //! |---|---|
 //! | 0 to 3 | magic: `CNod` |
-//! | 4, 5 | version of the body, little-endian; 11 |
+//! | 4, 5 | version of the body, little-endian; 11, or 12 with a distortion |
 //! | 6, 7 | length n of the body, little-endian |
-//! | 8 to 7 + n | body: the [`Config`] in postcard's format, and [`Config::sleeps`], 0 or 1 |
+//! | 8 to 7 + n | body: the [`Config`] in postcard's format; [`Config::sleeps`], 0 or 1; in version 12 k1 and k2 of a camera's [lens](crate::vision::Lens::distortion), little-endian floats |
 //! | 8 + n to 11 + n | CRC-32 (ISO-HDLC, that of Ethernet and zip) of all bytes before, little-endian |
 //! | the rest | whatever; 0xFF when written |
 //!
 //! All but the body stays as it is in every version, so that a page of another version is told from a
 //! damaged one. The body is frozen by a test with golden bytes. A body of version 10 is one of 11 without its last byte:
-//! a node that is updated by radio keeps its page.
+//! a node that is updated by radio keeps its page. A camera whose lens has no distortion gets a page of version 11,
+//! which older firmware reads too.
 
 use core::fmt;
 
 use flash_log::Crc32;
 
-use super::{CheckedConfig, Config, ConfigError};
+use super::{CheckedConfig, Config, ConfigError, RoleConfig};
 
 /// Bytes of the longest page.
 pub const PAGE_MAX: usize = 512;
 
-/// The version of the body.
-pub const VERSION: u16 = 11;
+/// The newest version of the body.
+pub const VERSION: u16 = 12;
+
+/// The version whose bodies have no distortion.
+const UNDISTORTED: u16 = 11;
 
 /// The version whose bodies have no [`Config::sleeps`].
 const SLEEPLESS: u16 = 10;
@@ -89,6 +93,14 @@ impl fmt::Display for PageError {
 
 impl core::error::Error for PageError {}
 
+/// The version of the page of a configuration: the oldest one that can hold it.
+pub fn version(config: &Config) -> u16 {
+    match config.distortion() {
+        Some(_) => VERSION,
+        None => UNDISTORTED,
+    }
+}
+
 /// Writes a page into `buffer`, and 0xFF behind it. Returns the number of bytes that count.
 ///
 /// # Errors
@@ -103,9 +115,14 @@ pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageEr
         .map_err(|_| PageError::Room)?
         .len();
     *body.get_mut(length).ok_or(PageError::Room)? = settings.sleeps.into();
-    let length = length + 1;
+    let mut length = length + 1;
+    for k in settings.distortion().into_iter().flatten() {
+        let room = body.get_mut(length..length + 4).ok_or(PageError::Room)?;
+        room.copy_from_slice(&k.to_le_bytes());
+        length += 4;
+    }
     let written = u16::try_from(length).map_err(|_| PageError::Room)?;
-    let [v0, v1] = VERSION.to_le_bytes();
+    let [v0, v1] = version(settings).to_le_bytes();
     let [l0, l1] = written.to_le_bytes();
     let [m0, m1, m2, m3] = MAGIC;
     header.copy_from_slice(&[m0, m1, m2, m3, v0, v1, l0, l1]);
@@ -145,16 +162,29 @@ pub fn decode(page: &[u8]) -> Result<CheckedConfig, PageError> {
     }
     let body = covered.get(HEADER..).ok_or(PageError::Truncated)?;
     let version = u16::from_le_bytes([v0, v1]);
-    if version != VERSION && version != SLEEPLESS {
+    if !(SLEEPLESS..=VERSION).contains(&version) {
         return Err(PageError::Version { found: version });
     }
     let (mut config, rest) =
         postcard::take_from_bytes::<Config>(body).map_err(|_| PageError::Body)?;
-    config.sleeps = match (version, rest) {
-        (SLEEPLESS, []) | (VERSION, [0]) => false,
-        (VERSION, [1]) => true,
+    let (sleeps, rest) = match (version, rest) {
+        (SLEEPLESS, []) => (0, rest),
+        (UNDISTORTED, &[sleeps]) => (sleeps, [].as_slice()),
+        (VERSION, [sleeps, rest @ ..]) => (*sleeps, rest),
         _ => return Err(PageError::Body),
     };
+    config.sleeps = match sleeps {
+        0 => false,
+        1 => true,
+        _ => return Err(PageError::Body),
+    };
+    match (&mut config.role, rest) {
+        (RoleConfig::Camera(camera), &[a, b, c, d, e, f, g, h]) => {
+            camera.lens.distortion = [[a, b, c, d], [e, f, g, h]].map(f32::from_le_bytes);
+        }
+        (_, []) if version != VERSION => {}
+        _ => return Err(PageError::Body),
+    }
     config.check().map_err(PageError::Value)
 }
 

@@ -81,7 +81,7 @@ fn the_checksum_is_that_of_zip_and_the_rest_is_erased() {
     let config = node(RoleConfig::Camera(camera()));
     let page = page(&config);
     let length = u16::from_le_bytes([page[6], page[7]]);
-    assert_eq!(page, forged(VERSION, length, &page[8..page.len() - 4]));
+    assert_eq!(page, forged(UNDISTORTED, length, &page[8..page.len() - 4]));
     let mut buffer = [0; PAGE_MAX];
     let written = encode(&checked(&config), &mut buffer).unwrap();
     assert!(buffer[written..].iter().all(|&byte| byte == 0xFF));
@@ -104,6 +104,39 @@ fn a_page_of_version_10_is_of_a_node_that_does_not_sleep() {
     let body = &page[8..page.len() - 4];
     let short = forged(SLEEPLESS, body.len() as u16 - 1, &body[..body.len() - 1]);
     assert_eq!(decode(&short), Err(PageError::Body));
+}
+
+/// A page of a lens with a distortion is of version 12, which has k1 and k2 behind all else.
+#[test]
+fn a_distortion_is_in_a_page_of_version_12() {
+    let mut config = node(RoleConfig::Camera(camera()));
+    let plain = self::page(&config);
+    let RoleConfig::Camera(camera) = &mut config.role else {
+        unreachable!()
+    };
+    camera.lens.distortion = [-0.25, 0.5];
+    let page = self::page(&config);
+    assert_eq!(page[4..6], [12, 0]);
+    assert_eq!(plain[4..6], [11, 0]);
+    let body = &page[8..page.len() - 4];
+    // -0.25 and 0.5 as little-endian floats.
+    let behind = [0, 0, 0x80, 0xBE, 0, 0, 0, 0x3F];
+    assert_eq!(body.strip_suffix(&behind), Some(&plain[8..plain.len() - 4]));
+    assert_eq!(decode(&page), Ok(checked(&config)));
+    let of = |version, body: &[u8]| decode(&forged(version, body.len() as u16, body));
+    for wrong in [&body[..body.len() - 1], &body[..body.len() - 8]] {
+        assert_eq!(of(12, wrong), Err(PageError::Body));
+    }
+    assert_eq!(of(11, body), Err(PageError::Body));
+    let target = self::page(&node(RoleConfig::Target(target())));
+    let with_lens = [&target[8..target.len() - 4], &behind[..]].concat();
+    assert_eq!(of(12, &with_lens), Err(PageError::Body));
+    // 100 degrees of which the corners are folded back.
+    let folded = [&body[..body.len() - 8], &(-2_f32).to_le_bytes(), &[0; 4]].concat();
+    assert!(matches!(
+        of(12, &folded),
+        Err(PageError::Value(ConfigError::Lens(_)))
+    ));
 }
 
 /// The fullest configurations there are.
@@ -146,7 +179,11 @@ fn what_is_no_page_says_what_to_do() {
         (&other, PageError::Magic, "address"),
         (&good[..7], PageError::Truncated, "write it again"),
         (&good[..good.len() - 1], PageError::Truncated, "again"),
-        (&forged(VERSION, 600, body), PageError::Truncated, "again"),
+        (
+            &forged(UNDISTORTED, 600, body),
+            PageError::Truncated,
+            "again",
+        ),
         (&damaged, PageError::Checksum, "write it again"),
         (
             &forged(VERSION + 1, length, body),
@@ -159,12 +196,12 @@ fn what_is_no_page_says_what_to_do() {
             "older version: make it anew",
         ),
         (
-            &forged(VERSION, at as u16, &unknown_role),
+            &forged(UNDISTORTED, at as u16, &unknown_role),
             PageError::Body,
             "provision",
         ),
         (
-            &forged(VERSION, length + 1, &with_more),
+            &forged(UNDISTORTED, length + 1, &with_more),
             PageError::Body,
             "provision",
         ),
@@ -185,7 +222,7 @@ fn values_are_checked_both_ways() {
     let body = postcard::to_slice(&config, &mut body).unwrap();
     let body = [&*body, &[0]].concat();
     assert_eq!(
-        decode(&forged(VERSION, body.len() as u16, &body)),
+        decode(&forged(UNDISTORTED, body.len() as u16, &body)),
         Err(error)
     );
 }
@@ -206,7 +243,8 @@ fn whose_memory_it_is() {
             _ => unreachable!(),
         }
     }
-    let voids: [fn(&mut Config); 14] = [
+    let voids: [fn(&mut Config); 15] = [
+        |c| of(c).lens.distortion = [0.0, 0.1],
         |c| of(c).kind = CameraKind::Pixy2,
         |c| c.id += 1,
         |c| c.site_key = SiteKey::new(2, *b"0123456789abcdef"),
@@ -222,7 +260,7 @@ fn whose_memory_it_is() {
         |c| of(c).baseline = None,
         |c| of(c).frame_heading_deg = Some(0.0),
     ];
-    assert_eq!(voids.map(after), [true; 14]);
+    assert_eq!(voids.map(after), [true; 15]);
     let keeps: [fn(&mut Config); 6] = [
         |c| c.tx_power += 1,
         |c| c.sleeps = true,
@@ -239,7 +277,7 @@ proptest! {
     fn any_bytes_are_taken_without_harm(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let _ = decode(&bytes);
         // With a right header and checksum, the body is looked at.
-        let forged = forged(VERSION, bytes.len() as u16, &bytes);
+        let forged = forged(UNDISTORTED, bytes.len() as u16, &bytes);
         if let Ok(config) = decode(&forged) {
             prop_assert_eq!(config.settings().clone().check(), Ok(config));
         }

@@ -75,6 +75,9 @@ const DOUBT: f32 = 4.0;
 /// Share of the width by which the middle of mass may be off.
 const LOPSIDED: f32 = 0.04;
 
+/// The highest row of a picture above its middle, over the number of columns: of a picture of 4:3, or a CMUcam2's.
+const HIGHEST: f32 = 0.4;
+
 /// Shape of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -85,8 +88,8 @@ pub enum Shape {
     Round {
         /// Number of rows that are as much as a column, above 0.
         rows_per_column: f32,
-        /// Tangent of the angle between the axis and the next column; 0 where the picture is as wide everywhere.
-        tangent: f32,
+        /// The lens, which stretches the picture away from the axis, if it is known.
+        optics: Option<Camera<f32>>,
     },
 }
 
@@ -340,19 +343,19 @@ impl<const N: usize> Steadiness<N> {
         Ok((DOUBT * off).max(lack.abs() * 0.5))
     }
 
-    /// Width that a round target lacks, columns; below 0 if it is too wide, and 0 if that may be rounding. A
-    /// pin-hole stretches it away from the axis, by `sqrt(1 + x x)` at the tangent `x`.
+    /// Width that a round target lacks, columns; below 0 if it is too wide, and 0 if that may be rounding.
     fn lack(&self, blob: &Blob) -> f32 {
         let Shape::Round {
             rows_per_column,
-            tangent,
-        } = self.shape
+            optics,
+        } = &self.shape
         else {
             return 0.0;
         };
-        let off = (blob.middle() - f32::from(self.columns.saturating_sub(1)) * 0.5) * tangent;
+        let row = above(blob).map_or(0.0, |[top, bottom]| (top + bottom) * 0.5);
+        let stretch = optics.map_or(1.0, |optics| optics.stretch(blob.middle(), row));
         let height = (blob.bottom - blob.top) / rows_per_column;
-        let lack = height * ComplexField::sqrt(1.0 + off * off) - (blob.right - blob.left);
+        let lack = height * stretch - (blob.right - blob.left);
         if lack.abs() > NARROW * blob.cell_width {
             lack
         } else {
@@ -389,37 +392,61 @@ impl Steady {
     /// The direction in which a camera sees it, and its width. `floor` is the standard deviation of errors
     /// that no frame shows, columns, from 0.
     pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
-        let (bearing, sigma) = self.bearing(camera, floor);
-        let half_width = camera.bearing(self.left) - bearing;
+        let Direction {
+            bearing,
+            sigma,
+            half_width,
+            elevation,
+        } = self.direction(camera, floor);
         let seen = Seen::direction(bearing, sigma).wide(half_width);
-        match self.elevation(camera, bearing) {
+        match elevation {
             Some(elevation) => seen.above(Elevation::from_radians(elevation)),
             None => seen,
         }
     }
 
-    /// Its direction above the camera's own horizontal plane, of what is seen at this bearing, radians.
-    pub fn elevation<T: Real>(&self, camera: &Camera<T>, bearing: T) -> Option<T> {
-        let edges = self.above?;
-        let real = |value: f32| nalgebra::convert::<f64, T>(f64::from(value));
-        let [top, bottom] = edges.map(|edge| camera.angle(real(edge)));
-        Some(camera.elevation(bearing, (top + bottom) * real(0.5)))
-    }
-
-    /// The same in any precision: the mean of the angles of its edges from the optical axis, radians,
-    /// positive to the left, and its standard deviation.
-    pub fn bearing<T: Real>(&self, camera: &Camera<T>, floor: f32) -> (T, T) {
+    /// The same in any precision.
+    pub fn direction<T: Real>(&self, camera: &Camera<T>, floor: f32) -> Direction<T> {
         let real = |value: f32| nalgebra::convert::<f64, T>(f64::from(value));
         let half = real(0.5);
         let (left, right) = (real(self.left), real(self.right));
-        let sigma = real(ComplexField::sqrt(
+        let edges = self.above.map(|edges| edges.map(real));
+        let row = edges.map_or_else(T::zero, |[top, bottom]| (top + bottom) * half);
+        let bearings = |row| [left, right].map(|column| camera.bearing_above(column, row));
+        let [from, to] = bearings(row);
+        let bearing = (from + to) * half;
+        let column_sigma = real(ComplexField::sqrt(
             self.column_sigma * self.column_sigma + floor * floor,
         ));
-        (
-            (camera.bearing(left) + camera.bearing(right)) * half,
-            (camera.bearing_sigma(left, sigma) + camera.bearing_sigma(right, sigma)) * half,
-        )
+        let mut sigma = (camera.bearing_sigma(left, column_sigma)
+            + camera.bearing_sigma(right, column_sigma))
+            * half;
+        if edges.is_none() && !camera.distortion().is_none() {
+            // It may be in any row.
+            let [highest_from, highest_to] = bearings(camera.last_column() * real(HIGHEST));
+            let off = (highest_from + highest_to) * half - bearing;
+            sigma = (sigma * sigma + off * off * half).sqrt();
+        }
+        Direction {
+            bearing,
+            sigma,
+            half_width: from - bearing,
+            elevation: edges.map(|rows| camera.elevation(bearing, (left + right) * half, rows)),
+        }
     }
+}
+
+/// Direction of an object, radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Direction<T> {
+    /// The mean of the bearings of its edges, positive to the left of the optical axis.
+    pub bearing: T,
+    /// Standard deviation of the bearing.
+    pub sigma: T,
+    /// Half of the angle between its edges.
+    pub half_width: T,
+    /// Angle above the camera's own horizontal plane, if the rows of its edges are known.
+    pub elevation: Option<T>,
 }
 
 impl fmt::Display for Steady {

@@ -11,7 +11,7 @@ const COLUMNS: u16 = 88;
 
 const ROUND: Shape = Shape::Round {
     rows_per_column: 2.0,
-    tangent: 0.0,
+    optics: None,
 };
 
 fn blob(values: [u8; 8]) -> Option<Blob> {
@@ -168,23 +168,20 @@ fn the_shape_is_judged() {
 #[test]
 fn far_from_the_axis_a_ball_is_wide() {
     let picture = Picture::new(100.0);
-    let judge = |hidden_from: f64, tangent| {
+    let judge = |hidden_from: f64, optics| {
         let blob = picture.ball(-0.7, 0.0, 0.1, hidden_from);
         let shape = Shape::Round {
             rows_per_column: 2.0,
-            tangent,
+            optics,
         };
         let mut steadiness = Steadiness::<5>::new(5, COLUMNS, shape);
         (0..5).map(|_| steadiness.push(blob)).last().unwrap()
     };
-    let tangent = picture.focal.recip() as f32;
-    assert!(judge(88.0, tangent).is_ok());
-    assert!(matches!(judge(88.0, 0.0), Err(Unsteady::Wide { .. })));
+    let lens = Some(picture.on_node());
+    assert!(judge(88.0, lens).is_ok());
+    assert!(matches!(judge(88.0, None), Err(Unsteady::Wide { .. })));
     let half = 43.5 + picture.focal * 0.7_f64.tan();
-    assert!(matches!(
-        judge(half, tangent),
-        Err(Unsteady::Lopsided { .. })
-    ));
+    assert!(matches!(judge(half, lens), Err(Unsteady::Lopsided { .. })));
 }
 
 /// A unit of 5.5 columns is known to 5.5 times the sigma.
@@ -259,14 +256,14 @@ impl Picture {
         Camera::pin_hole(COLUMNS, view as f32).unwrap()
     }
 
-    fn judge(&self, blob: Option<Blob>) -> Result<(Steady, (f64, f64)), Unsteady> {
+    fn judge(&self, blob: Option<Blob>) -> Result<(Steady, Direction<f64>), Unsteady> {
         // As nodes know their lens.
         let shape = Shape::Round {
             rows_per_column: 2.0,
-            tangent: self.focal.recip() as f32,
+            optics: Some(self.on_node()),
         };
         let steady = last_of(shape, [blob; 10])?;
-        Ok((steady, steady.bearing(&self.camera, 0.0)))
+        Ok((steady, steady.direction(&self.camera, 0.0)))
     }
 }
 
@@ -321,7 +318,7 @@ proptest! {
         let rounding = 24_f32.sqrt().recip();
         prop_assert!(steady.column_sigma < 1.5 * rounding, "{}", steady.column_sigma);
         let column = picture.camera.bearing_sigma(f64::from(steady.middle()), 1.0);
-        let off = (direction.0 - bearing).abs() / column;
+        let off = (direction.bearing - bearing).abs() / column;
         prop_assert!(off < 0.65, "off by {off} columns");
     }
 
@@ -339,10 +336,10 @@ proptest! {
         prop_assume!(blob.is_some_and(|blob| !blob.is_clipped(COLUMNS)));
         if let Ok((steady, direction)) = picture.judge(blob) {
             let column = picture.camera.bearing_sigma(f64::from(steady.middle()), 1.0);
-            let off = (direction.0 - bearing).abs();
+            let off = (direction.bearing - bearing).abs();
             prop_assert!(
-                off < 1.6 * column || off < 4.0 * direction.1,
-                "off by {} columns, sigma {}", off / column, direction.1 / column
+                off < 1.6 * column || off < 4.0 * direction.sigma,
+                "off by {} columns, sigma {}", off / column, direction.sigma / column
             );
             prop_assert!(hidden > 0.0 || steady.right - steady.left < 6.0, "{hidden} is accepted");
         }
@@ -383,11 +380,11 @@ fn the_sigma_is_that_of_the_errors() {
         // Planes through the vertical touch the ball where its shadow on the ground ends.
         let half_width = (radius.sin() / up.cos()).asin();
         let off = [
-            direction.0 - bearing,
+            direction.bearing - bearing,
             f64::from(seen.half_width) * 1e-4 - half_width,
         ];
         for (n, off) in off.into_iter().enumerate() {
-            let normed = off / direction.1;
+            let normed = off / direction.sigma;
             sums[n] += normed;
             squares[n] += normed * normed;
         }
@@ -417,7 +414,7 @@ fn the_mean_of_angles_is_the_middle_of_a_ball() {
         pixels: 20,
         confidence: 201,
     };
-    assert!((steady.bearing(&camera, 0.0).0 - bearing).abs() < 1e-6);
+    assert!((steady.direction(&camera, 0.0).bearing - bearing).abs() < 1e-6);
     let outwards = f64::from(steady.middle()) - column(bearing);
     assert!((-0.25..-0.23).contains(&outwards), "{outwards}");
 }
