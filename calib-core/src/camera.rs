@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 use crate::{Ray, Real, numerics::real::lit};
 
@@ -196,27 +196,24 @@ impl<T: Real> Camera<T> {
         })
     }
 
-    /// The same field of view with this distortion. The focal length on the axis becomes another one.
+    /// A lens without distortion with this one, and the same field of view. The focal length on the axis becomes another
+    /// one.
     ///
     /// # Errors
     /// The lens would fold back what is seen at a corner of a picture that is nearly as high as wide.
-    pub fn with_distortion(self, distortion: Distortion<T>) -> Result<Self, CameraError> {
-        let centre = self.last_column * lit(0.5);
-        let border = self.distortion.direction(centre / self.focal_length);
-        let camera = border.map(|border| Self {
-            focal_length: centre / distortion.radius(border).0,
-            distortion,
-            ..self
-        });
-        let is_whole = |camera: &Self| {
-            let aside = camera
-                .principal_point
-                .max(self.last_column - camera.principal_point);
-            let corner = Vector2::new(aside + T::one(), centre * lit(HEIGHT));
-            let corner = camera.undistorted(corner);
-            camera.focal_length > T::zero() && (distortion.is_none() || corner.is_some())
-        };
-        camera.filter(is_whole).ok_or(CameraError::Distortion)
+    #[inline(never)] // for less flash
+    pub fn with_distortion(mut self, distortion: Distortion<T>) -> Result<Self, CameraError> {
+        if !distortion.is_none() {
+            let centre = self.last_column * lit(0.5);
+            self.focal_length = centre / distortion.radius(centre / self.focal_length).0;
+            self.distortion = distortion;
+            let aside = (self.principal_point - centre).abs() + centre + T::one();
+            let corner = Vector2::new(aside, centre * lit(HEIGHT)).norm() / self.focal_length;
+            if !(corner > T::zero() && distortion.direction(corner).is_some()) {
+                return Err(CameraError::Distortion);
+            }
+        }
+        Ok(self)
     }
 
     /// The distortion of its lens.
@@ -250,7 +247,7 @@ impl<T: Real> Camera<T> {
     /// Not limited to the columns there are: see [`Camera::has_column`].
     #[inline]
     pub fn ray(&self, column: T) -> Ray<T> {
-        let left = self.direction(self.principal_point - column);
+        let left = self.undistorted(self.principal_point - column, T::zero()).x;
         match self.projection {
             Projection::PinHole => Ray {
                 forward: T::one(),
@@ -267,76 +264,71 @@ impl<T: Real> Camera<T> {
 
     /// The angle off the optical axis of so many columns' widths, along a row or across rows; radians.
     pub fn angle(&self, off: T) -> T {
-        let off = self.direction(off);
+        let off = self.undistorted(off, T::zero()).x;
         match self.projection {
             Projection::PinHole => off.atan(),
             Projection::EqualAngle => off,
         }
     }
 
-    /// Tangent or angle off the axis of so many columns' widths along the middle row.
-    #[inline]
-    fn direction(&self, off: T) -> T {
-        let off = off / self.focal_length;
-        if self.distortion.is_none() {
-            return off;
-        }
-        let found = self.distortion.direction(off.abs()).unwrap_or(off.abs());
-        if off < T::zero() { -found } else { found }
-    }
-
-    /// So many columns' widths left of and above the axis as the lens would show them without its distortion, in focal
-    /// lengths. `None` beyond its rim.
-    fn undistorted(&self, off: Vector2<T>) -> Option<Vector2<T>> {
-        let off = off / self.focal_length;
+    /// Tangents or angles left of and above the axis of so many columns' widths. Beyond the lens's rim they are those of
+    /// a lens without distortion.
+    #[inline(never)] // for less flash
+    fn undistorted(&self, left: T, above: T) -> Vector2<T> {
+        let off = Vector2::new(left, above) / self.focal_length;
         let radius = off.norm();
         if self.distortion.is_none() || !(radius > T::zero()) {
-            return Some(off);
+            return off;
         }
-        Some(off * (self.distortion.direction(radius)? / radius))
+        let found = self.distortion.direction(radius).unwrap_or(radius);
+        off * (found / radius)
+    }
+
+    /// Direction (forward, left, up) of a column, so many columns' widths above the middle row.
+    #[inline(never)] // for less flash
+    fn seen(&self, column: T, above: T) -> Vector3<T> {
+        let off = self.undistorted(self.principal_point - column, above);
+        match self.projection {
+            Projection::PinHole => Vector3::new(T::one(), off.x, off.y),
+            Projection::EqualAngle => {
+                let angle = off.norm();
+                let (sine, cosine) = angle.sine_cosine();
+                let aside = off * over(sine, angle);
+                Vector3::new(cosine, aside.x, aside.y)
+            }
+        }
     }
 
     /// [`Camera::bearing`] of what is seen so many columns' widths above the middle row. Beside the middle row, only a
     /// pin-hole without distortion has the same bearing in all of a column.
+    #[inline(never)] // for less flash
     pub fn bearing_above(&self, column: T, above: T) -> T {
-        let left = self.principal_point - column;
-        let is_plain = self.projection == Projection::PinHole && self.distortion.is_none();
-        let off = self
-            .undistorted(Vector2::new(left, above))
-            .filter(|_| !is_plain);
-        match (self.projection, off) {
-            (_, None) => self.angle(left),
-            (Projection::PinHole, Some(off)) => off.x.atan(),
-            (Projection::EqualAngle, Some(off)) => {
-                let (sine, cosine) = off.norm().sine_cosine();
-                (off.x * over(sine, off.norm())).atan2(cosine)
-            }
+        if self.projection == Projection::PinHole && self.distortion.is_none() {
+            return self.bearing(column);
         }
+        let seen = self.seen(column, above);
+        seen.y.atan2(seen.x)
     }
 
     /// Direction above the camera's own horizontal plane of the middle between two rows of a column, so many columns'
     /// widths above the middle one; radians. `bearing` is that of the middle.
+    #[inline(never)] // for less flash
     pub fn elevation(&self, bearing: T, column: T, rows: [T; 2]) -> T {
-        let half = lit::<T>(0.5);
-        let left = self.principal_point - column;
-        let seen = |up: T| self.undistorted(Vector2::new(left, up));
-        match self.projection {
-            Projection::PinHole => {
-                let [top, bottom] = rows.map(|row| {
-                    let row = seen(row).map_or(row / self.focal_length, |off| off.y);
-                    row.atan()
-                });
-                (tangent((top + bottom) * half) * bearing.sine_cosine().1).atan()
-            }
-            Projection::EqualAngle => {
-                let [top, bottom] = rows.map(|row| {
-                    let off = seen(row).unwrap_or_else(Vector2::zeros);
-                    let (sine, cosine) = off.norm().sine_cosine();
-                    let aside = over(sine, off.norm());
-                    (off.y * aside).atan2((Vector2::new(cosine, off.x * aside)).norm())
-                });
-                (top + bottom) * half
-            }
+        let is_pin_hole = self.projection == Projection::PinHole;
+        let [top, bottom] = rows.map(|row| {
+            let seen = self.seen(column, row);
+            let along = if is_pin_hole {
+                seen.x
+            } else {
+                seen.xy().norm()
+            };
+            seen.z.atan2(along)
+        });
+        let middle = (top + bottom) * lit(0.5);
+        if is_pin_hole {
+            (tangent(middle) * bearing.sine_cosine().1).atan()
+        } else {
+            middle
         }
     }
 
@@ -344,7 +336,7 @@ impl<T: Real> Camera<T> {
     /// A pin-hole's columns are narrower towards the border: `cos(phi)^2 / f`.
     pub fn bearing_sigma(&self, column: T, column_sigma: T) -> T {
         let mut sigma = column_sigma / self.focal_length;
-        let off = self.direction(self.principal_point - column);
+        let off = self.undistorted(self.principal_point - column, T::zero()).x;
         if !self.distortion.is_none() {
             sigma /= self.distortion.radius(off).1.max(lit(LEAST_SLOPE));
         }
@@ -356,24 +348,23 @@ impl<T: Real> Camera<T> {
 
     /// Width of a ball over its height, both as pictured, where its middle is at a column and so many columns' widths
     /// above the middle row: the lens stretches it along the radius, and across it.
+    #[inline(never)] // for less flash
     pub fn stretch(&self, column: T, above: T) -> T {
-        let seen = self.undistorted(Vector2::new(self.principal_point - column, above));
-        let Some(off) = seen.filter(|off| off.norm() > T::zero()) else {
-            return T::one();
-        };
+        let off = self.undistorted(self.principal_point - column, above);
         let q = off.norm();
-        let (radius, slope) = self.distortion.radius(q);
-        // Picture by the angle, along the radius, and by the arc across it.
-        let (along, across) = match self.projection {
-            Projection::PinHole => {
-                let square = T::one() + q * q;
-                (slope * square, radius / q * square.sqrt())
-            }
-            Projection::EqualAngle => (slope, radius * over(q, q.sine_cosine().0) / q),
+        if !(q > T::zero()) {
+            return T::one();
+        }
+        // Growth of the picture along the radius over that across it, squared.
+        let across = match self.projection {
+            Projection::PinHole => (T::one() + q * q).sqrt(),
+            Projection::EqualAngle => q.sine_cosine().0 / q,
         };
-        let (along, across, aside) = (along * along, across * across, off / q);
-        let part = |aside: T| across + (along - across) * aside * aside;
-        (part(aside.x) / part(aside.y)).sqrt()
+        let (radius, slope) = self.distortion.radius(q);
+        let growth = slope * across * q / radius;
+        let excess = (growth * growth - T::one()) / (q * q);
+        let part = |aside: T| T::one() + excess * aside * aside;
+        (part(off.x) / part(off.y)).sqrt()
     }
 
     /// [`Camera::bearing_sigma`] of a column that was rounded to a whole one, as the CMUcam2 does:

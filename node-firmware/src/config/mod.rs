@@ -580,8 +580,10 @@ impl Config {
                 sum.add(&float(number));
             }
             // So that a lens without any has the number that it had before there was a distortion.
-            for k in self.distortion().into_iter().flatten() {
-                sum.add(&k.to_le_bytes());
+            if let Some(distortion) = self.distortion() {
+                for k in distortion {
+                    sum.add(&k.to_le_bytes());
+                }
             }
         }
         sum.sum()

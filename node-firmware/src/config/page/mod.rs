@@ -116,10 +116,12 @@ pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageEr
         .len();
     *body.get_mut(length).ok_or(PageError::Room)? = settings.sleeps.into();
     let mut length = length + 1;
-    for k in settings.distortion().into_iter().flatten() {
-        let room = body.get_mut(length..length + 4).ok_or(PageError::Room)?;
-        room.copy_from_slice(&k.to_le_bytes());
-        length += 4;
+    if let Some(distortion) = settings.distortion() {
+        for k in distortion {
+            let room = body.get_mut(length..length + 4).ok_or(PageError::Room)?;
+            room.copy_from_slice(&k.to_le_bytes());
+            length += 4;
+        }
     }
     let written = u16::try_from(length).map_err(|_| PageError::Room)?;
     let [v0, v1] = version(settings).to_le_bytes();
@@ -165,27 +167,22 @@ pub fn decode(page: &[u8]) -> Result<CheckedConfig, PageError> {
     if !(SLEEPLESS..=VERSION).contains(&version) {
         return Err(PageError::Version { found: version });
     }
-    let (mut config, rest) =
-        postcard::take_from_bytes::<Config>(body).map_err(|_| PageError::Body)?;
-    let (sleeps, rest) = match (version, rest) {
-        (SLEEPLESS, []) => (0, rest),
-        (UNDISTORTED, &[sleeps]) => (sleeps, [].as_slice()),
-        (VERSION, [sleeps, rest @ ..]) => (*sleeps, rest),
-        _ => return Err(PageError::Body),
-    };
-    config.sleeps = match sleeps {
-        0 => false,
-        1 => true,
-        _ => return Err(PageError::Body),
-    };
-    match (&mut config.role, rest) {
-        (RoleConfig::Camera(camera), &[a, b, c, d, e, f, g, h]) => {
-            camera.lens.distortion = [[a, b, c, d], [e, f, g, h]].map(f32::from_le_bytes);
-        }
-        (_, []) if version != VERSION => {}
-        _ => return Err(PageError::Body),
+    let (mut config, mut rest) = part::<Config>(body)?;
+    if version > SLEEPLESS {
+        (config.sleeps, rest) = part(rest)?;
+    }
+    if let (VERSION, RoleConfig::Camera(camera)) = (version, &mut config.role) {
+        (camera.lens.distortion, rest) = part(rest)?;
+    }
+    if !rest.is_empty() {
+        return Err(PageError::Body);
     }
     config.check().map_err(PageError::Value)
+}
+
+/// The first part of a body, and the rest of it.
+fn part<'a, T: serde::Deserialize<'a>>(body: &'a [u8]) -> Result<(T, &'a [u8]), PageError> {
+    postcard::take_from_bytes(body).map_err(|_| PageError::Body)
 }
 
 #[cfg(test)]
