@@ -1,7 +1,7 @@
 //! `host-sim console`
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     io::{self, IsTerminal, Write},
     path::PathBuf,
     process::ExitCode,
@@ -16,10 +16,11 @@ use host_sim::{
     logging,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::limits::CONSOLE_BAUD;
+use node_firmware::limits::{COLOURS_MAX, CONSOLE_BAUD};
 use results::view::{COMMAND_NAMES, parse_command};
 use results::{
     record::{
+        RunRecord,
         event::{ObjectPlace, What},
         verdict::Verdict,
     },
@@ -161,10 +162,16 @@ fn command(text: &str) -> Result<Wish, String> {
             .split_once(':')
             .map_or(["", text], |(id, name)| [id, name]);
         let meant = nearest(name, COMMAND_NAMES).map(|name| format!("; did you mean `{name}`?"));
+        let of_colour = name.split_once('=').map(|_| {
+            format!(
+                "; `learn-colour` and `track` take the number of a colour, 0 to {}",
+                COLOURS_MAX - 1
+            )
+        });
         format!(
             "a camera and one of {} are needed, such as 2:learn-colour{}",
             COMMAND_NAMES.join(", "),
-            meant.unwrap_or_default()
+            of_colour.or(meant).unwrap_or_default()
         )
     })
 }
@@ -230,6 +237,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             code = u8::from(!calibrated);
             let screen = arguments.outputs.screen(record, &verdict);
             ended = and(ended, print(&format!("\n{screen}")).map_err(Into::into));
+            if let Some(words) = site.as_ref().and_then(|site| strangers(site, record)) {
+                tell(words);
+            }
             if site.is_none() {
                 tell(
                     "the unit is not known, and no next stop can be named: `--site FILE.toml` tells both",
@@ -296,6 +306,22 @@ pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
     // Errors in it are told before any waiting.
     let checked = site.and_then(|site| SitePlan::new(&site, &[]).map(|_| site));
     checked.map_err(|error| of_site(name, error))
+}
+
+/// Words on cameras that the site's file does not have.
+fn strangers(site: &Scenario, record: &RunRecord) -> Option<String> {
+    let known = { site.networks.iter() }.flat_map(|network| &network.cameras);
+    let known: BTreeSet<u16> = known.map(|camera| camera.id).collect();
+    let strange = record.cameras().map(|camera| camera.id);
+    let strange: Vec<_> = { strange.filter(|id| !known.contains(id)) }
+        .map(|id| id.to_string())
+        .collect();
+    (!strange.is_empty() && !known.is_empty()).then(|| {
+        format!(
+            "the file of the site has no camera {}: is it the file of this network? Units and places above are its",
+            strange.join(", ")
+        )
+    })
 }
 
 /// Returns true if all cameras of the site are calibrated.

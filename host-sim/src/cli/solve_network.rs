@@ -209,6 +209,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         poses_only: arguments.poses_only,
     };
     let mut solutions = Vec::new();
+    let repeated: usize = { measured.sightings.iter_mut() }
+        .map(network::leave_out_repeated)
+        .sum();
+    if repeated > 0 {
+        tell(format_args!(
+            "bearings that repeat another one of the same camera at the same stop count once: {repeated} are left out"
+        ));
+    }
     for sightings in &measured.sightings {
         let solved = network::solve(sightings, &settings);
         solutions.extend(solved.map_err(|error| anyhow!("{name} {error}"))?);

@@ -119,6 +119,16 @@ impl Broker {
         }
     }
 
+    /// Returns true if the URL names a user.
+    pub fn has_user(&self) -> bool {
+        !self.user.is_empty()
+    }
+
+    /// Returns true if the connection is a secure one.
+    pub fn is_secure(&self) -> bool {
+        self.is_secure
+    }
+
     /// Topic of the site.
     pub fn topic(&self) -> &str {
         &self.topic
@@ -193,11 +203,21 @@ impl Broker {
             ConnectionError::MqttState(StateError::AwaitPingResp) => {
                 format!("the broker at {at} does not answer any more")
             }
-            ConnectionError::MqttState(StateError::ConnectionAborted) => {
-                format!("the broker at {at} closed the connection")
-            }
+            ConnectionError::MqttState(StateError::ConnectionAborted) => self.closed(),
             error => format!("the broker at {at} does not talk as expected: {error}"),
         }
+    }
+
+    /// A broker that closes a connection does not say why.
+    fn closed(&self) -> String {
+        let at = self.address();
+        let why = if self.is_secure {
+            "is another program there with the same name, --name?"
+        } else {
+            "is another program there with the same name, --name, does it ask for a user, or for a secure connection \
+             (mqtts://)?"
+        };
+        format!("the broker at {at} closed the connection: {why}")
     }
 
     fn unreachable(&self, error: &io::Error) -> String {
@@ -209,7 +229,7 @@ impl Broker {
             ErrorKind::ConnectionReset
             | ErrorKind::ConnectionAborted
             | ErrorKind::BrokenPipe
-            | ErrorKind::UnexpectedEof => format!("the broker at {at} closed the connection"),
+            | ErrorKind::UnexpectedEof => self.closed(),
             _ if error.to_string().contains("lookup") => {
                 format!("the host {} is not known", self.host)
             }

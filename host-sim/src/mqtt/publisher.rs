@@ -20,6 +20,7 @@ use results::record::{
     NodeMove, RunRecord,
     event::{Event, News, What},
     part::Part,
+    space::HungEstimate,
 };
 use rumqttc::{
     AsyncClient, ClientError, Event as Happened, EventLoop, LastWill, MqttOptions, Outgoing,
@@ -234,19 +235,15 @@ impl State {
         let new = news.iter().filter(|news| !known.contains(news));
         let new: Vec<_> = new.copied().collect();
         known.extend(new);
-        match topic {
-            Topic::Part(Part::Node(id)) => {
-                self.owed.entry(Topic::Camera(id)).or_default();
-            }
+        let cameras = self.record.iter().flat_map(RunRecord::cameras);
+        let concerned = cameras.filter(|camera| match topic {
+            Topic::Part(Part::Node(id)) => camera.id == id,
             // Their places may be told in another frame.
-            Topic::Part(Part::Network(number)) => {
-                let nodes = self.record.iter().flat_map(|record| &record.nodes);
-                let own = nodes.filter(|node| node.network == number);
-                let cameras = own.map(|node| (Topic::Camera(node.id), Vec::new()));
-                self.owed.extend(cameras);
-            }
-            _ => {}
-        }
+            Topic::Part(Part::Network(number)) => camera.network == number,
+            _ => false,
+        });
+        let topics = concerned.map(|camera| (Topic::Camera(camera.id), Vec::new()));
+        self.owed.extend(topics);
     }
 
     /// Everything that is known is told anew.
@@ -331,6 +328,9 @@ struct CameraDocument<'a> {
     sigma_x: Option<f64>,
     sigma_y: Option<f64>,
     sigma_heading_deg: Option<f64>,
+    /// Height, pitch and roll, with their sigmas, where they are known.
+    #[serde(flatten)]
+    hung: Option<HungEstimate>,
     checked: bool,
     moved: Option<NodeMove>,
     sightings: usize,
@@ -361,6 +361,7 @@ fn camera(record: &RunRecord, id: u16) -> Option<String> {
         sigma_x: estimate.map(|own| own.sigma_x),
         sigma_y: estimate.map(|own| own.sigma_y),
         sigma_heading_deg: estimate.map(|own| own.sigma_heading_deg),
+        hung: estimate.and_then(|own| own.hung),
         checked: node.is_checked(&record.limits),
         moved: node.moved,
         sightings: node.sightings,

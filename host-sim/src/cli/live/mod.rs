@@ -82,11 +82,21 @@ impl Credentials {
                 "{} has no password in its first line",
                 file_name(path)
             );
+            ensure!(
+                broker.has_user(),
+                "--password-file is the password of a user, and {url} names none: write mqtt://USER@HOST/TOPIC"
+            );
             broker = broker.with_password(password.to_owned());
-        } else if let Ok(password) = env::var("MQTT_PASSWORD") {
+        } else if let Ok(password) = env::var("MQTT_PASSWORD")
+            && broker.has_user()
+        {
             broker = broker.with_password(password);
         }
         if let Some(path) = &self.ca {
+            ensure!(
+                broker.is_secure(),
+                "--ca is for secure connections, and {url} is none: write mqtts://"
+            );
             let text = whole_file::read(path, CREDENTIALS_MAX)?;
             broker = broker.with_authorities(text.into_bytes());
         }

@@ -263,6 +263,9 @@ fn a_file_sets_everything_and_options_stand_over_it() {
     let RoleConfig::Camera(camera) = &config.role else {
         panic!("{config:?}");
     };
+    let shown = place.run(&["provision", "--show=node-10.page.bin"]).ok();
+    let lines = ["page, version 12", "[lens]\ndistortion = [-0.125, 0.5]\n"];
+    assert!(lines.iter().all(|line| shown.contains(line)), "{shown}");
     assert_eq!(config.id, 10);
     assert_eq!((config.channels, config.tx_power), (1 << 15, 8));
     assert_eq!(config.protection, Protection::EncMic32);

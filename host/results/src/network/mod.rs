@@ -436,6 +436,18 @@ pub fn solve(
         .collect()
 }
 
+/// Leaves out bearings that are there already: of the same camera at the same stop, with the same value. They are no
+/// measurements of their own, be it that a file is in it twice or that a column was rounded twice. Returns their number.
+pub fn leave_out_repeated(sightings: &mut Sightings) -> usize {
+    let before = sightings.bearings.len();
+    let mut known = BTreeSet::new();
+    sightings.bearings.retain(|seen| {
+        let value = (seen.bearing_deg.to_bits(), seen.sigma_deg.to_bits());
+        known.insert((seen.target, seen.stop, seen.camera, value))
+    });
+    before - sightings.bearings.len()
+}
+
 fn check(sightings: &Sightings) -> Result<(), NetworkError> {
     if sightings.bearings.is_empty() {
         return Err(NetworkError::NoBearings);
@@ -460,6 +472,13 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
                 seen.camera, seen.stop, seen.target
             ));
         }
+    }
+    let mut ways = BTreeSet::new();
+    if let Some(leg) = { sightings.legs.iter() }.find(|leg| !ways.insert((leg.target, leg.stop))) {
+        return wrong(format!(
+            "stop {} of target {} has two displacements",
+            leg.stop, leg.target
+        ));
     }
     let is_length = |number: f64| number.is_finite() && number > 0.0;
     for far in &sightings.ranges {

@@ -502,6 +502,21 @@ fn range(range: f64) -> Range {
     }
 }
 
+/// A file that is in it twice is as good as once.
+#[test]
+fn repeated_bearings_count_once() {
+    let once = measured(&walk(3));
+    let mut twice = once.clone();
+    twice.bearings.extend(once.bearings.clone());
+    assert_eq!(leave_out_repeated(&mut twice), once.bearings.len());
+    assert_eq!(solved(&twice), solved(&once));
+    // Another value is another look.
+    let mut again = once.bearings[0];
+    again.bearing_deg += 0.1;
+    twice.bearings.push(again);
+    assert_eq!(leave_out_repeated(&mut twice), 0);
+}
+
 #[test]
 fn measurements_without_an_answer_say_why() {
     let whole = measured(&walk(3));
@@ -514,6 +529,21 @@ fn measurements_without_an_answer_say_why() {
     let solution = solved(&cut(2));
     assert_eq!(solution.status, Status::Waiting);
     assert!(solution.advice.unwrap().contains("three places"));
+    // The walk falls apart before both references saw enough of it.
+    let mut apart = cut(4);
+    apart.legs.retain(|leg| leg.stop != 2 && leg.stop != 4);
+    let advice = solved(&apart).advice.unwrap();
+    assert!(
+        advice.ends_with("stops before it and after it") && advice.contains("stop 2, 4"),
+        "{advice}"
+    );
+    let mut blind = whole.clone();
+    blind.bearings.retain(|seen| seen.camera != 2);
+    let advice = solved(&blind).advice.unwrap();
+    assert!(
+        advice.ends_with("camera 2, a reference, has no bearing"),
+        "{advice}"
+    );
     let refused = |change: fn(&mut Sightings)| {
         let mut sightings = whole.clone();
         change(&mut sightings);
@@ -535,6 +565,10 @@ fn measurements_without_an_answer_say_why() {
         (
             refused(|s| s.legs[0].covariance = [1.0, 2.0, 1.0]),
             "covariance",
+        ),
+        (
+            refused(|s| s.legs.push(s.legs[0])),
+            "has two displacements: correct it",
         ),
         (
             refused(|s| s.references.as_mut().unwrap().baseline = Some(-1.0)),

@@ -1,6 +1,6 @@
 //! Commands for cameras, as people type them.
 
-use node_firmware::message::CameraCommand;
+use node_firmware::{limits::COLOURS_MAX, message::CameraCommand};
 
 /// Names of all commands.
 pub const COMMAND_NAMES: [&str; 6] = [
@@ -21,7 +21,7 @@ pub fn parse_command(name: &str) -> Option<CameraCommand> {
         "forget" => CameraCommand::Forget,
         coloured => {
             let (name, colour) = match coloured.split_once('=') {
-                Some((name, colour)) => (name, colour.parse().ok()?),
+                Some((name, colour)) => (name, colour.parse().ok().filter(is_colour)?),
                 None => (coloured, 0),
             };
             match name {
@@ -31,6 +31,11 @@ pub fn parse_command(name: &str) -> Option<CameraCommand> {
             }
         }
     })
+}
+
+/// Returns true if a colour can have this number.
+fn is_colour(number: &u8) -> bool {
+    usize::from(*number) < COLOURS_MAX
 }
 
 /// Text that [`parse_command`] reads as this command.
@@ -61,7 +66,7 @@ mod tests {
         {
             assert_eq!(parse_command(name).map(command_name).as_deref(), Some(name));
         }
-        for name in ["", "track=", "forget=1", "track=256", "sleep"] {
+        for name in ["", "track=", "forget=1", "track=256", "track=4", "sleep"] {
             assert_eq!(parse_command(name), None, "{name}");
         }
     }

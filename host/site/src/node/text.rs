@@ -20,12 +20,14 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
     let role = RoleName::from(&config.role);
     let own = match &config.role {
         RoleConfig::Camera(camera) => {
-            let mut own = Table::try_from(camera)?;
-            let distortion = camera.lens.distortion.map(f64::from).map(Value::Float);
-            if let Some(lens) = own.get_mut("lens").and_then(Value::as_table_mut) {
-                lens.insert(DISTORTION.into(), Value::Array(distortion.to_vec()));
+            let own = toml::to_string(camera)?;
+            match camera.lens.distortion {
+                [0.0, 0.0] => own,
+                [k1, k2] => own.replace(
+                    "[lens]\n",
+                    &format!("[lens]\n{DISTORTION} = [{k1:?}, {k2:?}]\n"),
+                ),
             }
-            own.to_string()
         }
         RoleConfig::Target(target) => toml::to_string(target)?,
         RoleConfig::Coordinator(coordinator) => {

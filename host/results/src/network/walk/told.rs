@@ -257,9 +257,31 @@ impl Walk<'_> {
         NetworkSolution {
             status: refusal.into(),
             reason: Some(refusal.name()),
-            advice: Some(why.to_string()),
+            advice: Some(match self.lacking() {
+                Some(lacking) => format!("{why}; {lacking}"),
+                None => why.to_string(),
+            }),
             ..self.empty()
         }
+    }
+
+    /// Measurements that a solution needs and that are not there.
+    fn lacking(&self) -> Option<String> {
+        let saw =
+            |camera: u16| { self.sightings.bearings.iter() }.any(|seen| seen.camera == camera);
+        let references = { self.cameras.iter() }.take(2);
+        if let Some(blind) = references.copied().find(|camera| !saw(*camera)) {
+            return Some(format!("camera {blind}, a reference, has no bearing"));
+        }
+        let gaps = { self.stops.iter().zip(&self.legs) }.skip(1);
+        let gaps = gaps.filter(|(_, leg)| leg.is_none());
+        let gaps: Vec<_> = gaps.map(|(stop, _)| stop.to_string()).collect();
+        (!gaps.is_empty()).then(|| {
+            format!(
+                "no displacement tells the way to stop {}, so that both references have to see stops before it and after it",
+                gaps.join(", ")
+            )
+        })
     }
 
     fn empty(&self) -> NetworkSolution {
