@@ -55,6 +55,11 @@ pub enum ImageError {
         "its stack begins at {0:#x}, outside of the chip's RAM: is it an image for this board?"
     )]
     Stack(u32),
+    /// A part of its memory is not in the RAM of the chip.
+    #[error(
+        "it needs RAM from {0:#x} to {1:#x}, which the chip does not have: is it an image for this board?"
+    )]
+    Memory(u32, u64),
     /// A part of it is behind the region.
     #[error(
         "it reaches up to {0:#x}, behind the part for images, which ends at {1:#x}: is it an image \
@@ -153,6 +158,15 @@ impl Image {
         // It grows down from there.
         if !(1..=bytes).contains(&stack.wrapping_sub(ram)) {
             return Err(ImageError::Stack(stack));
+        }
+        for header in file.elf_program_headers() {
+            let [start, length] = [header.p_vaddr(endian), header.p_memsz(endian)];
+            let end = u64::from(start) + u64::from(length);
+            let is_within = |from: u32, to: u32| from <= start && end <= to.into();
+            let is_loaded = header.p_type(endian) == elf::PT_LOAD && length > 0;
+            if is_loaded && !is_within(least, most) && !is_within(ram, ram + bytes) {
+                return Err(ImageError::Memory(start, end));
+            }
         }
         Ok(Self { board, parts })
     }

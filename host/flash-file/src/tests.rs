@@ -270,6 +270,23 @@ fn an_image_has_its_stack_in_the_ram_of_the_chip() {
     assert!(Image::of(&NRF52840_DK, &short).is_err());
 }
 
+/// Variables of an image, of which only some have a value in the flash.
+#[test]
+fn an_image_has_its_variables_in_the_ram_of_the_chip() {
+    // The second part is at 0x20000000 when it runs. Its length there is the sixth word of the second header.
+    let with_memory = |board: &'static Board, bytes: u32| {
+        let mut image = elf(&[(0, &VECTORS), (0x100, &[1; 4])]);
+        image[52 + 32 + 20..][..4].copy_from_slice(&bytes.to_le_bytes());
+        Image::of(board, &image).map(|_| ())
+    };
+    for (board, most) in [(&NRF52840_DK, 256 << 10), (&NRF52833_DK, 128 << 10)] {
+        assert_eq!(with_memory(board, most), Ok(()));
+        let end = u64::from(0x2000_0004 + most);
+        let memory = Err(ImageError::Memory(0x2000_0000, end));
+        assert_eq!(with_memory(board, most + 4), memory);
+    }
+}
+
 /// A board that has the boot loader for updates takes their images over a cable, too, and the loader itself.
 #[test]
 fn images_for_updates_and_their_loader_are_images() {
