@@ -60,7 +60,8 @@ pub enum Loader {
         family: u32,
         /// `Board-ID` in the file `INFO_UF2.TXT` of the volume begins with one of these.
         ids: &'static [&'static str],
-        /// The `SoftDevice` behind which an image begins, as that file has it.
+        /// The `SoftDevice` behind which an image begins, its name and its version. That file has it so, or with the
+        /// word `version` between both.
         soft_device: &'static str,
         /// Action that starts it.
         press: &'static str,

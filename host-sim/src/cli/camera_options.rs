@@ -1,6 +1,10 @@
 //! The camera that recorded pixel columns are of.
 
-use calib_core::camera::{Camera, CameraError, Distortion, Projection};
+use anyhow::ensure;
+use calib_core::{
+    Real,
+    camera::{Camera, CameraError, Distortion, Projection},
+};
 use clap::{Args, ValueEnum};
 
 use super::values;
@@ -19,7 +23,7 @@ pub(super) struct CameraOptions {
     /// sightings of a case on.
     #[arg(long, value_name = "DEGREES", value_parser = values::positive)]
     fov_deg: Option<f64>,
-    /// Number of columns of the camera [default: 88, or those of a live camera's sensor].
+    /// Number of columns of the camera [default: 88, or those of a live camera, which has no others].
     #[arg(long, value_name = "N", requires = "fov_deg", value_parser = values::whole(0, u16::MAX))]
     columns: Option<u16>,
     /// Projection of the lens: how it spreads directions over the columns.
@@ -58,7 +62,11 @@ impl CameraOptions {
     }
 
     /// The camera, if one was described, with the usual number of columns if none was given.
-    pub(super) fn camera(&self, usual_columns: u16) -> Result<Option<Camera<f64>>, CameraError> {
+    pub(super) fn camera<T: Real>(
+        &self,
+        usual_columns: u16,
+    ) -> Result<Option<Camera<T>>, CameraError> {
+        let real = nalgebra::convert::<f64, T>;
         let Some(field_of_view) = self.fov_deg else {
             return Ok(None);
         };
@@ -69,16 +77,32 @@ impl CameraOptions {
         let camera = Camera::new(
             projection,
             self.columns.unwrap_or(usual_columns),
-            field_of_view.to_radians(),
+            real(field_of_view.to_radians()),
         )?;
         let camera = match self.principal {
-            Some(column) => camera.with_principal_point(column)?,
+            Some(column) => camera.with_principal_point(real(column))?,
             None => camera,
         };
         match self.distortion.as_deref() {
-            Some(&[k1, k2]) => camera.with_distortion(Distortion { k1, k2 }),
+            Some(&[k1, k2]) => {
+                let [k1, k2] = [k1, k2].map(real);
+                camera.with_distortion(Distortion { k1, k2 })
+            }
             _ => Ok(camera),
         }
         .map(Some)
+    }
+
+    /// The same for a camera that is there and has so many columns.
+    ///
+    /// # Errors
+    /// Another number was given, or there is no such camera.
+    pub(super) fn of_live<T: Real>(&self, columns: u16) -> anyhow::Result<Option<Camera<T>>> {
+        let given = self.columns.unwrap_or(columns);
+        ensure!(
+            given == columns,
+            "--columns {given}: this camera has {columns} columns, so leave --columns out"
+        );
+        Ok(self.camera(columns)?)
     }
 }

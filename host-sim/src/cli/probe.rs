@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use anyhow::{anyhow, bail};
+use anyhow::{anyhow, bail, ensure};
 use clap::Args;
 use cmucam2_driver::{
     Command, Error,
@@ -42,6 +42,9 @@ use super::{
 };
 use person::Person;
 
+/// Options without --record: clap demands none that conflicts with an option which is given.
+const OF_LIVE: [&str; 3] = ["frame", "count", "seconds"];
+
 mod live;
 mod person;
 mod pixy;
@@ -67,27 +70,18 @@ pub(super) struct Arguments {
     /// take no pictures, learn no colour here and are not started up.
     #[arg(long = "camera", value_enum, default_value_t)]
     kind: KindOption,
-    /// The signature that a Pixy or an OpenMV Cam was taught and that is looked for.
-    #[arg(
-        long, value_name = "N", default_value_t = 1,
-        value_parser = values::whole(1, 7_u8)
-    )]
-    signature: u8,
-    /// The number of the tag that is looked for, with `--camera openmv-tags`.
-    #[arg(
-        long, value_name = "N", default_value_t = 0,
-        value_parser = values::whole(0, 999_u16)
-    )]
-    tag: u16,
+    /// The signature that a Pixy or an OpenMV Cam was taught and that is looked for [default: 1].
+    #[arg(long, value_name = "N", value_parser = values::whole(1, 7_u8))]
+    signature: Option<u8>,
+    /// The number of the tag that is looked for, with `--camera openmv-tags` [default: 0].
+    #[arg(long, value_name = "N", value_parser = values::whole(0, 999_u16))]
+    tag: Option<u16>,
     /// Rate that the camera's jumpers select, or that is set in another one; `auto` tries all usual rates.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
-    /// Time that the camera has to adapt to the light before gain and white balance are frozen.
-    #[arg(
-        long, value_name = "SECONDS", value_parser = values::not_negative, default_value_t = 5.0,
-        conflicts_with = "as_is"
-    )]
-    settle: f64,
+    /// Time that the camera has to adapt to the light before gain and white balance are frozen [default: 5].
+    #[arg(long, value_name = "SECONDS", value_parser = values::not_negative, conflicts_with = "as_is")]
+    settle: Option<f64>,
     /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up. Modes that
     /// other programs have set since, such as DS, VW or OM, are put back.
     #[arg(long)]
@@ -113,7 +107,7 @@ pub(super) struct Arguments {
     /// Place where the object stands now: one sighting. Without it, places are read line by line.
     #[arg(
         long, value_name = "X,Y", value_parser = record::place, requires = "record",
-        allow_hyphen_values = true
+        conflicts_with_all = OF_LIVE, allow_hyphen_values = true
     )]
     at: Option<(f64, f64)>,
     /// The name of this camera in the file.
@@ -121,12 +115,13 @@ pub(super) struct Arguments {
         long,
         value_name = "NAME",
         default_value = "camera",
-        requires = "record"
+        requires = "record",
+        conflicts_with_all = OF_LIVE
     )]
     case: String,
     /// Number of packets for which the object must stand still for a sighting.
     #[arg(
-        long, value_name = "N", default_value_t = 20, requires = "record",
+        long, value_name = "N", default_value_t = 20, requires = "record", conflicts_with_all = OF_LIVE,
         value_parser = values::whole(2, stops::PACKETS_MAX as u16)
     )]
     packets: u16,
@@ -174,18 +169,26 @@ Single sightings without resetting the camera in between (run 3 starts it up):
 FILE.csv gets the columns case, target_x, target_y, column (in the direction of the object's
 middle, from 0 on the left) and, with --fov-deg, sigma_rad: rounding of both edges to whole columns,
 and noise. A file with other columns is refused. An object that is cut off by the left or right
-border, lost, moving or partly hidden is refused.
+border, lost, moving or partly hidden is refused. Other cameras than a CMUcam2 are judged as on a node: an object of
+a signature has to be as wide as tall, and whole.
 
 --first-column: whether packets count columns from 0 or from 1 is not certain for every firmware,
 and turns all bearings by one column, half a degree. A camera that is started up is made to track
 everything once, and shows it; with --as-is it is 1 unless given. A packet that contradicts it is
 reported, and no sighting is recorded from then on.
 
-JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
-pixels, confidence, bearing_rad, sigma_rad, elevation_rad; null when nothing is tracked, bearings also without
---fov-deg and where the object is cut off by the left or right border or partly hidden. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
-column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
-damaged_rows. Everything else goes to the standard error output.
+JSON (--json), one object per line. Everything else goes to the standard error output.
+  of a CMUcam2        seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0), pixels, confidence,
+                      bearing_rad, sigma_rad, elevation_rad; null when nothing is tracked, bearings also without
+                      --fov-deg and where the object is cut off by the left or right border or partly hidden
+  of other cameras    seconds, blocks (those of the signature or tag, the two largest at most), x, y, width, height
+                      (of the largest one, in the camera's own numbers), bearing_rad, sigma_rad, elevation_rad (of
+                      an object that stands still), reason (words for why there is no bearing); null where there
+                      is none
+  with --record       one object per sighting: case, target_x, target_y, column, sigma_rad, column_sigma,
+                      bearing_rad, packets, pixels, confidence; null where there is none: only a CMUcam2 tells
+                      pixels and confidence
+  with --frame        file, columns, rows, damaged_rows
 
 Without a camera (--emulate): NAME is baud, fault, scene, seed, sensor, switch or taught, as of `host-sim camera`, or
 heard: what another program has sent before, such as heard='RM 2\r'. Time is virtual, so --settle and --seconds take
@@ -195,7 +198,7 @@ no time.
 
 Exit codes:
   0    done, or tracking was ended with Ctrl-C
-  2    wrong options, or the camera, its line or a file failed
+  2    wrong options, or the camera, its line or a file failed, or no sighting was recorded
   130  Ctrl-C before the end";
 
 /// The camera and what is known of it.
@@ -221,6 +224,9 @@ struct Bench<'a> {
 
 /// The number of the first column and row, unless it is known otherwise: most sources agree.
 const USUAL_FIRST: u8 = 1;
+
+/// Seconds that a camera has to adapt to the light, unless told otherwise.
+const USUAL_SETTLE: f64 = 5.0;
 
 /// Modes in which other programs may have left the camera and which change what is counted or sent, as after
 /// a reset: how things are sent comes first. Gain, white balance and colours stay.
@@ -271,6 +277,7 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 }
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
+    arguments.check_kind()?;
     if arguments.kind == KindOption::Cmucam2 {
         arguments.baud.of_jumpers().map_err(anyhow::Error::msg)?;
     }
@@ -278,11 +285,15 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
     Files::default()
         .reads(&arguments.port)
         .writes(&arguments.frame)
+        .writes(&arguments.record)
         .check()?;
     let recording = match &arguments.record {
         Some(path) => Some((
             path.as_path(),
-            Recording::open(path, arguments.camera.camera(USUAL_COLUMNS)?.is_some())?,
+            Recording::open(
+                path,
+                arguments.camera.camera::<f64>(USUAL_COLUMNS)?.is_some(),
+            )?,
         )),
         None => None,
     };
@@ -299,6 +310,41 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl Arguments {
+    /// Refuses options that mean nothing for this kind of camera.
+    fn check_kind(&self) -> anyhow::Result<()> {
+        let is_cmucam2 = self.kind == KindOption::Cmucam2;
+        let is_tags = self.kind == KindOption::OpenMvTags;
+        let only = "is for a CMUcam2";
+        for (is_given, has_use, option, why) in [
+            (self.frame.is_some(), is_cmucam2, "--frame", only),
+            (self.colour.is_some(), is_cmucam2, "--colour", only),
+            (self.high_res, is_cmucam2, "--high-res", only),
+            (
+                self.first_column.is_some(),
+                is_cmucam2,
+                "--first-column",
+                only,
+            ),
+            (self.settle.is_some(), is_cmucam2, "--settle", only),
+            (self.as_is, is_cmucam2, "--as-is", only),
+            (
+                self.tag.is_some(),
+                is_tags,
+                "--tag",
+                "is for an OpenMV Cam that finds tags, --camera openmv-tags",
+            ),
+            (
+                self.signature.is_some(),
+                !is_cmucam2 && !is_tags,
+                "--signature",
+                "is for cameras that were taught colours, --camera pixy2, pixy or openmv",
+            ),
+        ] {
+            ensure!(!is_given || has_use, "{option} {why}: leave it out");
+        }
+        Ok(())
+    }
+
     /// Name of the line.
     fn line(&self) -> &str {
         self.port.as_deref().unwrap_or("the emulated camera")
@@ -373,23 +419,29 @@ impl<'a> Bench<'a> {
 
     /// Starts the camera up and sets the resolution.
     fn prepare(&mut self, sensor: Option<Sensor>) -> anyhow::Result<()> {
+        let high = self.arguments.high_res;
+        if high && sensor == Some(Sensor::Ov7620) {
+            bail!("the OV7620 has no high resolution: leave --high-res out");
+        }
+        // Told before the camera starts up, which takes a while.
+        let expected = Size::of(sensor.unwrap_or(Sensor::Ov6620), high);
+        let optics = match sensor {
+            Some(_) => self.arguments.camera.of_live(expected.width.into())?,
+            None => self.arguments.camera.camera(expected.width.into())?,
+        };
         if self.arguments.as_is {
             for mode in as_after_reset() {
                 self.ask(|camera| camera.set(mode).wait())?;
             }
         } else {
+            let settle = self.arguments.settle.unwrap_or(USUAL_SETTLE);
             let adapting = spinner(format!(
-                "the camera resets and adapts to the light for {} s",
-                self.arguments.settle
+                "the camera resets and adapts to the light for {settle} s"
             ));
             let mut start_up = StartUp::default();
-            start_up.adapt_ms = (self.arguments.settle * 1e3) as u32;
+            start_up.adapt_ms = (settle * 1e3) as u32;
             self.ask(|camera| camera.start_up(start_up).wait())?;
             adapting.finish_and_clear();
-        }
-        let high = self.arguments.high_res;
-        if high && sensor == Some(Sensor::Ov7620) {
-            bail!("the OV7620 has no high resolution");
         }
         // It may be on from an earlier run.
         if high || self.arguments.as_is && sensor != Some(Sensor::Ov7620) {
@@ -397,7 +449,7 @@ impl<'a> Bench<'a> {
         }
         self.frame = match sensor {
             Some(_) => self.camera.session().frame(),
-            None => Size::of(Sensor::Ov6620, high),
+            None => expected,
         };
         let usual = u16::from(self.frame.width);
         let columns = self.arguments.camera.columns().unwrap_or(usual);
@@ -407,12 +459,7 @@ impl<'a> Bench<'a> {
                  --columns"
             ));
         }
-        self.view = View::new(
-            columns,
-            self.first_number()?,
-            self.arguments.camera.camera(usual)?,
-        )
-        .with_rows(Rows {
+        self.view = View::new(columns, self.first_number()?, optics).with_rows(Rows {
             count: self.frame.height.into(),
             per_column: ROWS_PER_COLUMN,
         });
@@ -642,6 +689,7 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
     if is_known {
         return Ok((port, rate));
     }
+    tell_search(arguments, "CMUcam2", &port::BAUD_RATES);
     let trying = spinner("");
     // Bytes that the camera already sends would be taken for garbage at every rate but its own.
     let port = match port::quieten(port, || trying.set_message(BUSY)) {
@@ -659,6 +707,16 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
         Err(error) => return Err(failed(arguments.line(), rate, error)),
     };
     Err(anyhow!("{}: {why}", arguments.line()))
+}
+
+/// Tells what a search does, which takes a while where nothing answers.
+fn tell_search(arguments: &Arguments, camera: &str, rates: &[u32]) {
+    let rates: Vec<_> = rates.iter().map(u32::to_string).collect();
+    tell(format_args!(
+        "{}: looking for a {camera} at {} baud",
+        arguments.line(),
+        rates.join(", ")
+    ));
 }
 
 /// While the line is not silent.

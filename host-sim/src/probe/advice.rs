@@ -7,15 +7,26 @@ use super::port::PortError;
 /// Names the failure and the things to check, the likeliest cause first.
 pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     match error {
-        Error::Uart(PortError::Interrupted) => "interrupted".to_owned(),
-        Error::Uart(PortError::Io(error)) => format!(
-            "the serial port failed ({error}): was the adapter unplugged, or the other end of a \
-             pseudo-terminal closed?"
-        ),
-        Error::Closed => "the serial port was closed by its other end".to_owned(),
+        Error::Uart(error) => of_port(error),
+        Error::Closed => CLOSED.to_owned(),
         Error::Camera(fault) => camera_advice(*fault, baud_rate),
     }
 }
+
+/// Advice when the port itself fails.
+pub fn of_port(error: &PortError) -> String {
+    match error {
+        PortError::Interrupted => "interrupted".to_owned(),
+        PortError::Io(error) => format!(
+            "the serial port failed ({error}): was the adapter unplugged, or the other end of a \
+             pseudo-terminal closed?"
+        ),
+    }
+}
+
+/// Message when the port has come to its end.
+pub const CLOSED: &str =
+    "the serial port was closed by its other end: start that, then type the same command again";
 
 /// When the camera answers no more after its banner and so many packets: its rate is right.
 pub fn fell_silent(packets: u64) -> String {

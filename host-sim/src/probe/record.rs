@@ -55,22 +55,27 @@ pub struct SightingLine<'a> {
     pub bearing_rad: Option<f64>,
     /// See [`Steady::frames`].
     pub packets: u16,
-    /// See [`Steady`].
-    pub pixels: u8,
-    /// See [`Steady`].
-    pub confidence: u8,
+    /// See [`Steady`]; `None` for a camera that does not tell them.
+    pub pixels: Option<u8>,
+    /// As `pixels`.
+    pub confidence: Option<u8>,
 }
 
 impl<'a> SightingLine<'a> {
-    /// The row with the data from which it was made.
-    pub fn new(row: Row<'a>, steady: &Steady, bearing: Option<Bearing>) -> Self {
+    /// The row with the data from which it was made; `tells_pixels`: the camera tells pixels and confidence.
+    pub fn new(
+        row: Row<'a>,
+        steady: &Steady,
+        bearing: Option<Bearing>,
+        tells_pixels: bool,
+    ) -> Self {
         Self {
             row,
             column_sigma: f64::from(steady.column_sigma),
             bearing_rad: bearing.map(|b| b.bearing),
             packets: steady.frames,
-            pixels: steady.pixels,
-            confidence: steady.confidence,
+            pixels: tells_pixels.then_some(steady.pixels),
+            confidence: tells_pixels.then_some(steady.confidence),
         }
     }
 }
@@ -121,18 +126,24 @@ fn hint(found: &str, wanted: &str) -> &'static str {
 #[derive(Debug)]
 pub struct Recording {
     path: PathBuf,
-    file: File,
+    /// `None`: it is made for the first sighting, so that no empty one is left where there is none.
+    file: Option<File>,
     with_sigma: bool,
     /// The line to begin with, if the file is empty; or the end of a line that was cut off.
     before: String,
 }
 
 impl Recording {
-    /// Opens a recording or begins one. Nothing is written yet.
+    /// Opens a recording, if it is there. Nothing is written yet.
     ///
     /// # Errors
     /// [`RecordError::Io`], [`RecordError::Columns`]
     pub fn open(path: &Path, with_sigma: bool) -> Result<Self, RecordError> {
+        Self::opened(path, with_sigma, false)
+    }
+
+    /// Opens a recording; one that is not there is made, if that is said.
+    fn opened(path: &Path, with_sigma: bool, make: bool) -> Result<Self, RecordError> {
         let of_file = |error| RecordError::Io {
             path: path.to_owned(),
             error,
@@ -140,14 +151,24 @@ impl Recording {
         let file = OpenOptions::new()
             .read(true)
             .append(true)
-            .create(true)
+            .create(make)
             .open(path)
             .and_then(|file| match file.metadata()?.is_file() {
                 true => Ok(file),
                 // Such a file may have no end, and its first line cannot be read again.
                 false => Err(io::Error::other("it is no regular file")),
-            })
-            .map_err(of_file)?;
+            });
+        let file = match file {
+            Err(error) if error.kind() == io::ErrorKind::NotFound && !make => {
+                return Ok(Self {
+                    path: path.to_owned(),
+                    file: None,
+                    with_sigma,
+                    before: String::new(),
+                });
+            }
+            file => file.map_err(of_file)?,
+        };
         let (first, ends_open) = first_line(&file).map_err(of_file)?;
         let wanted = columns(with_sigma).join(",");
         let names: Vec<&str> = first
@@ -170,13 +191,13 @@ impl Recording {
         }
         Ok(Self {
             path: path.to_owned(),
-            file,
+            file: Some(file),
             with_sigma,
             before,
         })
     }
 
-    /// Appends a row in one piece, and waits until it is on the disk.
+    /// Appends a row in one piece, and waits until it is on the disk. A file that is not there is made.
     ///
     /// # Errors
     /// [`RecordError`]
@@ -184,11 +205,16 @@ impl Recording {
         if row.case.trim().is_empty() || row.case.contains(['\n', '\r']) {
             return Err(RecordError::Case);
         }
+        if self.file.is_none() {
+            // Another program may have begun it meanwhile.
+            *self = Self::opened(&self.path, self.with_sigma, true)?;
+        }
         let text = self
             .line(row)
             .and_then(|line| {
-                self.file.write_all(line.as_bytes())?;
-                self.file.sync_data()
+                let mut file = self.file.as_ref().ok_or(io::ErrorKind::NotFound)?;
+                file.write_all(line.as_bytes())?;
+                file.sync_data()
             })
             .map_err(|error| RecordError::Io {
                 path: self.path.clone(),
@@ -367,6 +393,22 @@ mod tests {
             let row = Row { case, ..ROW };
             assert!(matches!(recording.append(&row), Err(RecordError::Case)));
         }
-        assert_eq!(scratch.content(), "");
+        // No file is left of what was never recorded.
+        assert!(!scratch.path().exists());
+    }
+
+    #[test]
+    fn two_that_begin_a_file_share_its_names() {
+        let scratch = Scratch::new(None);
+        let mut both = [0, 1].map(|_| Recording::open(&scratch.path(), true).unwrap());
+        both.iter_mut().for_each(|one| one.append(&ROW).unwrap());
+        assert_eq!(scratch.content().lines().count(), 3);
+        let other = Scratch::new(None);
+        let mut late = Recording::open(&other.path(), true).unwrap();
+        append(&other, false).unwrap();
+        assert!(matches!(
+            late.append(&ROW),
+            Err(RecordError::Columns { .. })
+        ));
     }
 }

@@ -113,6 +113,29 @@ fn has_pixy_block(heard: &[u8]) -> bool {
     })
 }
 
+/// Returns true if a whole packet of a u-blox receiver is in this: two bytes at its begin, its class and number, the
+/// length of what follows in two bytes, and a checksum of two bytes over all behind the begin (u-blox interface
+/// descriptions, "UBX frame structure"). Its begin alone comes by chance where bytes have no meaning.
+fn has_ublox_packet(heard: &[u8]) -> bool {
+    (0..heard.len()).any(|at| {
+        let [0xB5, 0x62, ref rest @ ..] = heard[at..] else {
+            return false;
+        };
+        let [_, _, low, high, ..] = *rest else {
+            return false;
+        };
+        let end = 4 + usize::from(u16::from_le_bytes([low, high]));
+        let (Some(summed), Some(&[first, second, ..])) = (rest.get(..end), rest.get(end..)) else {
+            return false;
+        };
+        let sums = summed.iter().fold((0_u8, 0_u8), |(first, second), byte| {
+            let first = first.wrapping_add(*byte);
+            (first, second.wrapping_add(first))
+        });
+        sums == (first, second)
+    })
+}
+
 /// The device that sends this. `None`: it is not known; a wrong baud rate is likely.
 pub fn name(heard: &[u8]) -> Option<Stranger> {
     let has = |text: &str| {
@@ -134,7 +157,7 @@ pub fn name(heard: &[u8]) -> Option<Stranger> {
         Stranger::OtherCamera
     } else if any(&["$GP", "$GN", "$GL", "$GA", "!AIVDM"]) {
         Stranger::Nmea
-    } else if heard.windows(2).any(|part| part == [0xB5, 0x62]) {
+    } else if has_ublox_packet(heard) {
         Stranger::Ublox
     } else if any(&["U-Boot", "bootloader", "Bootloader", "ets Jun", "rst:0x"]) {
         Stranger::BootLoader
@@ -213,7 +236,14 @@ mod tests {
                 &b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\r\n"[..],
                 Some(Stranger::Nmea),
             ),
-            (b"\xB5\x62\x01\x07\x5C\x00", Some(Stranger::Ublox)),
+            // A packet of 3 bytes between noise; a begin alone; a packet that is damaged, and one that is cut off.
+            (
+                b"\0\xB5\x62\x01\x07\x03\0\x1C\0\x02\x29\x96\xB5",
+                Some(Stranger::Ublox),
+            ),
+            (b"\xB5\x62\xF8\x00\x1C\xE6\x80\xB5\x62", None),
+            (b"\xB5\x62\x01\x07\x03\0\x1C\0\x03\x29\x96", None),
+            (b"\xB5\x62\x01\x07\x03\0\x1C\0\x02\x29", None),
             (b"\r\nOK\r\n\r\nOK\r\n", Some(Stranger::Modem)),
             (b"\r\nERROR\r\n", Some(Stranger::Modem)),
             (b"\r\nraspberrypi login: ", Some(Stranger::Shell)),

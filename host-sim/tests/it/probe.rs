@@ -19,7 +19,11 @@ use serialport::TTYPort;
 
 /// A run that fails, and its messages.
 fn failure(arguments: &[&str]) -> String {
-    let mut all = vec!["probe", "--settle", "0"];
+    let mut all = vec!["probe"];
+    // Only a CMUcam2 adapts to the light.
+    if !arguments.contains(&"--camera") {
+        all.extend(["--settle", "0"]);
+    }
     all.extend_from_slice(arguments);
     let done = run(&all);
     assert_eq!(
@@ -62,6 +66,8 @@ fn nobody_answers() {
         assert!(text.contains(check), "no {check} in {text}");
     }
     let text = failure(&["--port", &name, "--baud", "auto"]);
+    let looking = format!("{name}: looking for a CMUcam2 at 115200, ");
+    assert!(text.starts_with(&looking), "{text}");
     assert!(text.contains("no answer at any baud rate"), "{text}");
 }
 
@@ -222,6 +228,12 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
         (&["--frame", "no/such/folder/a.png"], "no folder"),
         (&["--frame", "a.png", "--record", "s.csv"], "cannot be used"),
         (&["--emulate"], "cannot be used"),
+        (&["--at", "1,2", "--count", "1"], "cannot be used"),
+        (&["--case", "x", "--seconds", "1"], "cannot be used"),
+        (&["--packets", "5", "--frame", "a.png"], "cannot be used"),
+        (&["--record", "no/such/folder/s.csv"], "no folder"),
+        (&["--tag", "1"], "--camera openmv-tags"),
+        (&["--signature", "1"], "--camera pixy2"),
     ] {
         let mut all = vec!["--port", &port];
         all.extend_from_slice(arguments);
@@ -232,6 +244,74 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
     let text = failure(&["--port", &port, "--record", &other, "--at", "-1,2"]);
     assert!(text.contains("case,x,y"), "{text}");
     assert_eq!(fs::read_to_string(other).unwrap(), "case,x,y\n1,2,3\n");
+}
+
+#[test]
+fn options_of_other_cameras_are_refused() {
+    for (kind, options) in [
+        (
+            "pixy2",
+            &[
+                &["--settle", "0"][..],
+                &["--tag", "0"],
+                &["--as-is"],
+                &["--high-res"],
+            ][..],
+        ),
+        (
+            "pixy",
+            &[
+                &["--first-column", "0"],
+                &["--frame", "a.png"],
+                &["--tag", "3"],
+            ],
+        ),
+        (
+            "openmv",
+            &[&["--colour", ORANGE], &["--settle", "3"], &["--tag", "0"]],
+        ),
+        ("openmv-tags", &[&["--signature", "2"], &["--settle", "3"]]),
+        ("cmucam2", &[&["--signature", "1"], &["--tag", "0"]]),
+    ] {
+        for option in options {
+            let text = failure(&[&["--camera", kind, "--emulate"], *option].concat());
+            let told = format!("host-sim: {} is for ", option[0]);
+            assert!(text.starts_with(&told), "{kind}: {text}");
+        }
+    }
+}
+
+/// A camera that is there has as many columns as it has: 88, 176 or 160, 316, 320, 160.
+#[test]
+fn columns_are_those_of_the_camera() {
+    for (options, columns) in [
+        (&["--emulate"][..], "88"),
+        (&["--emulate", "--high-res"], "176"),
+        (&["--emulate=sensor=ov7620"], "160"),
+        (&["--emulate", "--camera", "pixy2"], "316"),
+        (&["--emulate", "--camera", "pixy"], "320"),
+        (&["--emulate", "--camera", "openmv"], "320"),
+        (&["--emulate", "--camera", "openmv-tags"], "160"),
+    ] {
+        let wrong = if columns == "160" { "88" } else { "160" };
+        let fov = [options, &["--fov-deg", "45", "--count", "1", "--columns"]].concat();
+        let text = failure(&[&fov[..], &[wrong]].concat());
+        let told = format!("--columns {wrong}: this camera has {columns} columns");
+        assert!(text.contains(&told), "{text}");
+        let done = run(&[&["probe"], &fov[..], &[columns]].concat());
+        assert_eq!(done.code, 0, "{}", done.stderr);
+    }
+    // A banner that names no sensor says nothing of columns.
+    let unknown = [
+        "probe",
+        "--emulate=switch=module=2",
+        "--settle",
+        "0",
+        "--count",
+        "1",
+    ];
+    let done = run(&[&unknown[..], &["--fov-deg", "45", "--columns", "160"]].concat());
+    assert_eq!(done.code, 0, "{}", done.stderr);
 }
 
 /// Runs of `host-sim probe` on a line.
@@ -693,7 +773,29 @@ fn what_is_cut_off_or_not_there_is_not_recorded() {
         &camera.arguments(&[&record[..], &["--colour", "16,40,16,40,200,240"]].concat())[1..],
     );
     assert!(text.contains("nothing is tracked"), "{text}");
-    assert_eq!(fs::read_to_string(file).unwrap(), "");
+    // Nor of places that are read, of which none is a place with an object.
+    let options = [
+        "--settle",
+        "0",
+        "--packets",
+        "3",
+        "--colour",
+        ORANGE,
+        "--record",
+        &file,
+    ];
+    let done = run_with_input(&camera.arguments(&options), "1,2\nthere\n");
+    assert_eq!(done.code, 2, "{}", done.stderr);
+    assert!(
+        done.stderr.contains("no sighting was added"),
+        "{}",
+        done.stderr
+    );
+    assert!(!fs::exists(&file).unwrap());
+    // Without any place there is nothing to fail.
+    let done = run_with_input(&camera.arguments(&options), "\n");
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    assert!(done.stderr.contains("0 sightings added"), "{}", done.stderr);
 }
 
 #[test]
@@ -792,6 +894,27 @@ fn the_camera_goes_away() {
     assert_eq!(output.status.code(), Some(2));
     assert!(told.contains("the serial port failed"), "{told}");
     assert!(told.contains("packet"), "{told}");
+    for kind in ["pixy2", "openmv"] {
+        let port = files.path(kind);
+        let camera = Pixy::start(kind, &["--pty", &port]);
+        let mut probe = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args([
+                "probe", "--camera", kind, "--baud", "19200", "--port", &port,
+            ])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let stdout = probe.stdout.as_mut().unwrap();
+        let mut stdout = BufReader::with_capacity(1, stdout);
+        stdout.read_line(&mut line).unwrap();
+        drop(camera);
+        let output = probe.wait_with_output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{kind}: {told}");
+        assert!(told.contains("was the adapter unplugged"), "{kind}: {told}");
+    }
 }
 
 fn spawn(camera: &Camera, arguments: &[&str]) -> Child {
@@ -906,24 +1029,24 @@ fn on_a_terminal() {
     );
 }
 
-/// A Pixy2 on a pseudo-terminal, which ends with it.
-struct Pixy2(Child);
+/// A camera of the Pixy family on a pseudo-terminal, which ends with it.
+struct Pixy(Child);
 
-impl Pixy2 {
-    fn start(more: &[&str]) -> Self {
+impl Pixy {
+    fn start(kind: &str, more: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-            .args(["camera", "--kind", "pixy2"])
+            .args(["camera", "--kind", kind])
             .args(more)
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
-        assert!(told.any(|line| line.unwrap().contains("a Pixy2 at 19200 baud")));
+        assert!(told.any(|line| line.unwrap().contains("at 19200 baud is on")));
         Self(child)
     }
 }
 
-impl Drop for Pixy2 {
+impl Drop for Pixy {
     fn drop(&mut self) {
         self.0.kill().unwrap();
         self.0.wait().unwrap();
@@ -953,8 +1076,14 @@ fn all_of_the_pixy_family_record_then_solve() {
             );
             let scene = format!("scene={scene}");
             let place = format!("{x},{y}");
+            let tag: &[&str] = if kind == "openmv-tags" {
+                &["--tag", "4"]
+            } else {
+                &[]
+            };
             let done = run(&[
-                &["probe", "--camera", kind, "--emulate", &scene, "--tag", "4"][..],
+                &["probe", "--camera", kind, "--emulate", &scene],
+                tag,
                 &["--fov-deg", fov, "--record", &file, "--at", &place],
             ]
             .concat());
@@ -981,6 +1110,133 @@ fn all_of_the_pixy_family_record_then_solve() {
             );
         }
     }
+}
+
+/// The scene that a camera sees unless told otherwise has an object that stands long enough for all kinds. The Pixy
+/// family tells neither pixels nor confidence.
+#[test]
+fn the_usual_scene_is_good_for_sightings() {
+    let files = Files::new();
+    for kind in ["cmucam2", "pixy2", "pixy", "openmv", "openmv-tags"] {
+        let file = files.path(&format!("{kind}.csv"));
+        let record = [
+            "probe",
+            "--camera",
+            kind,
+            "--emulate",
+            "--fov-deg",
+            "45",
+            "--record",
+            &file,
+        ];
+        let done = run_with_input(&record, "1,2\n3,4\n5,6\n");
+        assert_eq!(done.code, 0, "{kind}: {}", done.stderr);
+        assert!(
+            done.stderr.contains("3 sightings added"),
+            "{kind}: {}",
+            done.stderr
+        );
+        let is_told = kind == "cmucam2";
+        assert_eq!(
+            done.stdout.contains("pixels"),
+            is_told,
+            "{kind}: {}",
+            done.stdout
+        );
+        let done = run(&[&record[..], &["--at", "1,2", "--json"]].concat());
+        let line: Value = serde_json::from_str(&done.stdout).unwrap();
+        for key in ["pixels", "confidence"] {
+            let told = line.get(key).unwrap();
+            assert_eq!(told.is_null(), !is_told, "{kind}: {line}");
+        }
+    }
+}
+
+/// An object that is no ball, one that is not whole, and none: what is shown and what is recorded agree, and both say
+/// why.
+#[test]
+fn a_view_without_a_bearing_is_not_recorded() {
+    let files = Files::new();
+    let file = files.path("s.csv");
+    let scene = |object: &str| {
+        let scene = format!("[background]\nplain = [110, 110, 110]\n{object}");
+        format!("--emulate=scene={}", files.write("scene.toml", &scene))
+    };
+    let object = "[[object]]\ncolour = [225, 110, 35]\n";
+    let view = |shape: &str, middle: &str, size: &str| {
+        format!("{object}shape = {shape}\nstops = [{{ picture = {middle}, size = {size} }}]\n")
+    };
+    for (kind, object, words) in [
+        (
+            "pixy2",
+            view("'box'", "[0.5, 0.5]", "[0.3, 0.1]"),
+            "wider than tall",
+        ),
+        (
+            "pixy",
+            view("'disc'", "[0.5, 0.02]", "0.2"),
+            "cut off by the border",
+        ),
+        (
+            "openmv",
+            view("'box'", "[0.5, 0.5]", "[0.05, 0.4]"),
+            "out of shape",
+        ),
+        ("openmv-tags", String::new(), "not in view"),
+    ] {
+        let scene = scene(&object);
+        let probe = ["probe", "--camera", kind, &scene, "--fov-deg", "45"];
+        let shown = run(&[&probe[..], &["--count", "40", "--json"]].concat());
+        let last: Value = serde_json::from_str(shown.stdout.lines().last().unwrap()).unwrap();
+        assert!(last["bearing_rad"].is_null(), "{kind}: {last}");
+        let reason = last["reason"].as_str().unwrap();
+        assert!(reason.contains(words), "{kind}: {reason}");
+        let text = failure(&[&probe[1..], &["--record", &file, "--at", "1,2"]].concat());
+        let words = if object.is_empty() {
+            "nothing is tracked"
+        } else {
+            words
+        };
+        assert!(text.contains(words), "{kind}: {text}");
+    }
+    // A tag may be turned.
+    let turned = scene(&view("{ tag = 0 }", "[0.5, 0.5]", "[0.2, 0.4]"));
+    let probe = [
+        "probe",
+        "--camera",
+        "openmv-tags",
+        &turned,
+        "--count",
+        "40",
+        "--json",
+    ];
+    let done = run(&[&probe[..], &["--fov-deg", "45"]].concat());
+    let last: Value = serde_json::from_str(done.stdout.lines().last().unwrap()).unwrap();
+    assert!(
+        last["bearing_rad"].is_number() && last["reason"].is_null(),
+        "{last}"
+    );
+    let done = run(&probe);
+    let last: Value = serde_json::from_str(done.stdout.lines().last().unwrap()).unwrap();
+    assert_eq!(last["reason"], "--fov-deg is not given");
+}
+
+/// A camera that starts says nothing for two seconds, which are longer than a look at one rate.
+#[test]
+fn a_pixy_that_was_just_switched_on_is_found() {
+    let files = Files::new();
+    let port = files.path("pixy");
+    let camera = Pixy::start("pixy", &["--pty", &port]);
+    let id = camera.0.id().to_string();
+    let done = Command::new("kill").args(["-USR1", &id]).status().unwrap();
+    assert!(done.success());
+    let done = run(&["probe", "--camera", "pixy", "--port", &port, "--count", "1"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    assert!(
+        done.stderr.contains("taken for that of the Pixy"),
+        "{}",
+        done.stderr
+    );
 }
 
 /// A stream, at another rate than is tried first; another tag than the one that is looked for; and none at all.
@@ -1038,11 +1294,7 @@ fn a_pixy2_has_one_rate() {
 fn a_pixy2() {
     let files = Files::new();
     let port = files.path("pixy");
-    // All of it in a picture that is less tall than a CMUcam2's.
-    let usual = include_str!("../../../host/cmucam2-emulator/scenes/orange-ball.toml");
-    let scene = files.path("ball.toml");
-    std::fs::write(&scene, usual.replace("radius = 0.2", "radius = 0.15")).unwrap();
-    let camera = Pixy2::start(&["--pty", &port, "--scene", &scene]);
+    let camera = Pixy::start("pixy2", &["--pty", &port]);
     let probe = |more: &[&str]| {
         let all = [
             "probe", "--camera", "pixy2", "--port", &port, "--baud", "19200",
@@ -1085,6 +1337,9 @@ fn a_pixy2() {
     let done = run(&[
         "probe", "--camera", "pixy2", "--port", &silent, "--baud", "19200",
     ]);
+    // The wait begins with words.
+    let looking = format!("{silent}: looking for a Pixy2 at 19200 baud\n");
+    assert!(done.stderr.starts_with(&looking), "{}", done.stderr);
     assert!(
         done.stderr.contains("no Pixy2 answers at 19200 baud"),
         "{}",

@@ -264,9 +264,32 @@ fn what_is_wrong_is_said() {
             "/nowhere.toml cannot be read",
         ),
         (&["--scene", scene.to_str().unwrap()], "background"),
+        // Those that mean nothing for this kind of camera.
+        (
+            &["--taught", "1,2,3"],
+            "--taught is for cameras that are taught",
+        ),
+        (
+            &["--kind", "openmv-tags", "--taught", "1,2,3"],
+            "--taught is for cameras that are taught",
+        ),
+        (
+            &["--kind", "pixy2", "--sensor", "ov6620"],
+            "--sensor is for a CMUcam2",
+        ),
+        (
+            &["--kind", "pixy", "--switch", "origin=0"],
+            "--switch is for a CMUcam2",
+        ),
+        (
+            &["--kind", "openmv", "--fault", "nck=0.1"],
+            "--fault is for a CMUcam2",
+        ),
     ] {
         let said = run(&[&["--pty", link], options].concat());
         assert!(said.contains(part), "{options:?}: {said}");
+        // It was never there.
+        assert!(!said.contains("baud is on"), "{options:?}: {said}");
     }
     let said = run(&["--pty", "/nowhere/camera"]);
     assert!(said.contains("/nowhere/camera cannot be made"), "{said}");

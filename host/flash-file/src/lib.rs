@@ -33,6 +33,9 @@ pub enum ImageError {
     /// No ELF file of 32 bits.
     #[error("it is no image for a board")]
     NoElf,
+    /// An ELF file that lacks its end, or is damaged.
+    #[error("it is cut off or damaged: copy it again, or build it again")]
+    CutOff,
     /// Of another processor.
     #[error("it is no image for an ARM processor")]
     NotArm,
@@ -44,6 +47,19 @@ pub enum ImageError {
         "it begins at {0:#x}, before the board's image at {1:#x}: is it an image for this board?"
     )]
     Before(u64, u32),
+    /// Nothing of it is where the region begins, and a board starts there.
+    #[error("it begins at {0:#x}, and the board's image at {1:#x}: is it an image for this board?")]
+    Elsewhere(u64, u32),
+    /// Its stack is not in the RAM of the chip.
+    #[error(
+        "its stack begins at {0:#x}, outside of the chip's RAM: is it an image for this board?"
+    )]
+    Stack(u32),
+    /// A part of its memory is not in the RAM of the chip.
+    #[error(
+        "it needs RAM from {0:#x} to {1:#x}, which the chip does not have: is it an image for this board?"
+    )]
+    Memory(u32, u64),
     /// A part of it is behind the region.
     #[error(
         "it reaches up to {0:#x}, behind the part for images, which ends at {1:#x}: is it an image \
@@ -78,25 +94,34 @@ pub fn loader(board: &'static Board, elf: &[u8]) -> Result<Vec<u8>, ImageError> 
 /// All bytes of a program from the start of its region on.
 fn flat(board: &'static Board, elf: &[u8], region: &Range<u32>) -> Result<Vec<u8>, ImageError> {
     let image = Image::within(board, elf, region)?;
-    let start = board.address(region.start);
-    match image.parts.first_key_value() {
-        Some((&first, _)) if first == start => Ok(in_one_piece(&image.parts)),
-        Some((&first, _)) => Err(ImageError::Behind(first.into(), start)),
-        None => Err(ImageError::Empty),
-    }
+    Ok(in_one_piece(&image.parts))
 }
 
 impl Image {
-    /// The image that an ELF file holds.
+    /// The image that an ELF file holds. That for updates by radio is one, too: it begins behind its boot loader.
     ///
     /// # Errors
     /// It is none for this board.
     pub fn of(board: &'static Board, elf: &[u8]) -> Result<Self, ImageError> {
-        Self::within(board, elf, &board.regions.image)
+        let regions = [false, true].map(|is_updated| board.image(is_updated));
+        let [usual, updated] = regions.map(|region| Self::within(board, elf, region));
+        match usual {
+            Err(ImageError::Elsewhere(start, _))
+                if start == u64::from(board.address(regions[1].start)) =>
+            {
+                updated
+            }
+            usual => usual,
+        }
     }
 
     fn within(board: &'static Board, elf: &[u8], region: &Range<u32>) -> Result<Self, ImageError> {
-        let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|_| ImageError::NoElf)?;
+        let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|_| {
+            match elf.starts_with(b"\x7fELF\x01") {
+                true => ImageError::CutOff,
+                false => ImageError::NoElf,
+            }
+        })?;
         if file.architecture() != object::Architecture::Arm {
             return Err(ImageError::NotArm);
         }
@@ -119,11 +144,29 @@ impl Image {
             if start < page.end && end > page.start.into() {
                 return Err(ImageError::OnPage(page.start));
             }
-            let data = header.data(endian, elf).map_err(|()| ImageError::NoElf)?;
+            let data = header.data(endian, elf).map_err(|()| ImageError::CutOff)?;
             parts.insert(start, data.to_vec());
         }
-        if parts.is_empty() {
-            return Err(ImageError::Empty);
+        let (&first, vectors) = parts.first_key_value().ok_or(ImageError::Empty)?;
+        if first != least {
+            return Err(ImageError::Elsewhere(first.into(), least));
+        }
+        let stack = vectors
+            .first_chunk()
+            .map_or(0, |word| u32::from_le_bytes(*word));
+        let (ram, bytes) = board.chip.ram;
+        // It grows down from there.
+        if !(1..=bytes).contains(&stack.wrapping_sub(ram)) {
+            return Err(ImageError::Stack(stack));
+        }
+        for header in file.elf_program_headers() {
+            let [start, length] = [header.p_vaddr(endian), header.p_memsz(endian)];
+            let end = u64::from(start) + u64::from(length);
+            let is_within = |from: u32, to: u32| from <= start && end <= to.into();
+            let is_loaded = header.p_type(endian) == elf::PT_LOAD && length > 0;
+            if is_loaded && !is_within(least, most) && !is_within(ram, ram + bytes) {
+                return Err(ImageError::Memory(start, end));
+            }
         }
         Ok(Self { board, parts })
     }

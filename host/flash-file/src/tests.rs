@@ -1,6 +1,8 @@
 //! Files beside those of other programs, read by parsers of their own.
 
-use board_facts::{BOARDS, FEATHER_NRF52840, NRF52840_DK, NUCLEO_L476RG, PCA10059, XIAO_NRF52840};
+use board_facts::{
+    BOARDS, FEATHER_NRF52840, NRF52833_DK, NRF52840_DK, NUCLEO_L476RG, PCA10059, XIAO_NRF52840,
+};
 
 use super::*;
 
@@ -34,6 +36,23 @@ fn elf(parts: &[(u32, &[u8])]) -> Vec<u8> {
     file.extend(data);
     file
 }
+
+/// An image of these parts, whatever they are.
+fn image(board: &'static Board, parts: &[(u32, &[u8])]) -> Image {
+    let parts = parts.iter().map(|(at, bytes)| (*at, bytes.to_vec()));
+    Image {
+        board,
+        parts: parts.collect(),
+    }
+}
+
+/// The begin of an image: its stack grows down from 0x20001000 (`ARMv7-M` Architecture Reference Manual, "The vector
+/// table").
+const VECTORS: [u8; 64] = {
+    let mut vectors = [0; 64];
+    (vectors[1], vectors[3]) = (0x10, 0x20);
+    vectors
+};
 
 fn pattern(len: u32) -> Vec<u8> {
     (0..len).map(|i| (i * 7 + 3) as u8).collect()
@@ -81,8 +100,7 @@ fn a_uf2_file_is_that_of_another_program() {
         "5546320a57515d9e00200000007102000001000001000000030000004028a5ad030a11181f262d34",
         "5546320a57515d9e0020000000c00a000001000002000000030000004028a5ad5a5a5a5a5a5a5a5a",
     ];
-    let elf = elf(&[(0x0002_7000, &pattern(512))]);
-    let image = Image::of(&XIAO_NRF52840, &elf).unwrap();
+    let image = image(&XIAO_NRF52840, &[(0x0002_7000, &pattern(512))]);
     let (ending, file) = image.file(Some(&[0x5a; 256]), false).unwrap();
     assert_eq!((ending, file.len()), ("uf2", heads.len() * 512));
     for (block, head) in file.chunks(512).zip(heads) {
@@ -100,8 +118,8 @@ fn a_uf2_file_is_that_of_another_program() {
 #[test]
 fn a_uf2_file_holds_each_byte_once() {
     let (first, second) = (pattern(1000), pattern(77));
-    let elf = elf(&[(0x0002_6000, &first), (0x0002_6000 + 1004, &second)]);
-    let image = Image::of(&FEATHER_NRF52840, &elf).unwrap();
+    let parts: [(u32, &[u8]); 2] = [(0x0002_6000, &first), (0x0002_6000 + 1004, &second)];
+    let image = image(&FEATHER_NRF52840, &parts);
     let page = pattern(512);
     let (_, file) = image.file(Some(&page), false).unwrap();
     let blocks = blocks(&file, 0xada5_2840);
@@ -128,7 +146,7 @@ fn a_file_stays_within_the_regions() {
     for board in BOARDS {
         let region = &board.regions.image;
         let [start, end] = [region.start, region.end].map(|place| board.address(place));
-        let elf = elf(&[(start, &[1; 64]), (end - 64, &[2; 64])]);
+        let elf = elf(&[(start, &VECTORS), (end - 64, &[2; 64])]);
         let image = Image::of(board, &elf).unwrap();
         match image.file(Some(&[3; 512]), false) {
             None => assert!(board.loader.is_none()),
@@ -155,7 +173,7 @@ fn a_file_stays_within_the_regions() {
 fn a_package_is_that_of_another_program() {
     let init = "0a420801123e080110341a010020002800300038ac024224080312207234ad2d4f15a1bc15171a0321200db0984b66\
                 829aa0a1cfaf1cc826873f77044800520408011200";
-    let image = Image::of(&PCA10059, &elf(&[(0x1000, &pattern(300))])).unwrap();
+    let image = image(&PCA10059, &[(0x1000, &pattern(300))]);
     let (ending, package) = image.file(None, false).unwrap();
     let files = files(&package);
     let names: Vec<_> = files.iter().map(|(name, _)| &**name).collect();
@@ -175,8 +193,7 @@ fn a_package_is_that_of_another_program() {
 /// Of a dongle the page is between the vectors and the code: 0x200 behind the start.
 #[test]
 fn a_package_has_the_page_in_the_image() {
-    let elf = elf(&[(0x1000, &[1; 256]), (0x1400, &[2; 100])]);
-    let image = Image::of(&PCA10059, &elf).unwrap();
+    let image = image(&PCA10059, &[(0x1000, &[1; 256]), (0x1400, &[2; 100])]);
     let page = pattern(52);
     let (_, package) = image.file(Some(&page), false).unwrap();
     let (_, bin) = files(&package).pop().unwrap();
@@ -194,16 +211,21 @@ fn a_package_has_the_page_in_the_image() {
 #[test]
 fn images_of_other_boards_are_refused() {
     let of = |board, elf: &[u8]| Image::of(board, elf).map(|_| ());
-    let kit = elf(&[(0, &[0; 64])]);
+    let kit = elf(&[(0, &VECTORS)]);
     assert_eq!(of(&NRF52840_DK, &kit), Ok(()));
     for board in [&PCA10059, &FEATHER_NRF52840, &XIAO_NRF52840, &NUCLEO_L476RG] {
         let start = board.address(board.regions.image.start);
         assert_eq!(of(board, &kit), Err(ImageError::Before(0, start)));
     }
-    let feather = elf(&[(0x0002_6000, &[0; 64])]);
+    let feather = elf(&[(0x0002_6000, &VECTORS)]);
     assert_eq!(
         of(&XIAO_NRF52840, &feather),
         Err(ImageError::Before(0x0002_6000, 0x0002_7000))
+    );
+    // It has room there, but no board starts in the middle of its region.
+    assert_eq!(
+        of(&NRF52840_DK, &feather),
+        Err(ImageError::Elsewhere(0x0002_6000, 0))
     );
     let long = elf(&[(0x0009_9ffd, &[0; 4])]);
     assert_eq!(
@@ -214,28 +236,96 @@ fn images_of_other_boards_are_refused() {
     assert_eq!(of(&PCA10059, &over), Err(ImageError::OnPage(0x1200)));
     assert_eq!(of(&NRF52840_DK, &elf(&[])), Err(ImageError::Empty));
     assert_eq!(of(&NRF52840_DK, b"none"), Err(ImageError::NoElf));
-    let mut other = kit;
+    let mut other = kit.clone();
     other[18] = 62;
     assert_eq!(of(&NRF52840_DK, &other), Err(ImageError::NotArm));
+    // A copy that was interrupted, from the byte on that tells an ELF file of 32 bits.
+    for length in 5..kit.len() {
+        assert_eq!(of(&NRF52840_DK, &kit[..length]), Err(ImageError::CutOff));
+    }
+}
+
+/// RAM of the chips: 256, 128 and 96 KiB from 0x20000000 on.
+#[test]
+fn an_image_has_its_stack_in_the_ram_of_the_chip() {
+    let with_stack = |board: &'static Board, stack: u32| {
+        let mut vectors = VECTORS;
+        vectors[..4].copy_from_slice(&stack.to_le_bytes());
+        let start = board.address(board.regions.image.start);
+        Image::of(board, &elf(&[(start, &vectors)])).map(|_| ())
+    };
+    for (board, end) in [
+        (&NRF52840_DK, 0x2004_0000),
+        (&NRF52833_DK, 0x2002_0000),
+        (&NUCLEO_L476RG, 0x2001_8000),
+    ] {
+        for stack in [0x2000_0100, end] {
+            assert_eq!(with_stack(board, stack), Ok(()));
+        }
+        for stack in [0, 0x1fff_fff8, 0x2000_0000, end + 8, u32::MAX] {
+            assert_eq!(with_stack(board, stack), Err(ImageError::Stack(stack)));
+        }
+    }
+    let short = elf(&[(0, &[0, 0x10])]);
+    assert!(Image::of(&NRF52840_DK, &short).is_err());
+}
+
+/// Variables of an image, of which only some have a value in the flash.
+#[test]
+fn an_image_has_its_variables_in_the_ram_of_the_chip() {
+    // The second part is at 0x20000000 when it runs. Its length there is the sixth word of the second header.
+    let with_memory = |board: &'static Board, bytes: u32| {
+        let mut image = elf(&[(0, &VECTORS), (0x100, &[1; 4])]);
+        image[52 + 32 + 20..][..4].copy_from_slice(&bytes.to_le_bytes());
+        Image::of(board, &image).map(|_| ())
+    };
+    for (board, most) in [(&NRF52840_DK, 256 << 10), (&NRF52833_DK, 128 << 10)] {
+        assert_eq!(with_memory(board, most), Ok(()));
+        let end = u64::from(0x2000_0004 + most);
+        let memory = Err(ImageError::Memory(0x2000_0000, end));
+        assert_eq!(with_memory(board, most + 4), memory);
+    }
+}
+
+/// A board that has the boot loader for updates takes their images over a cable, too, and the loader itself.
+#[test]
+fn images_for_updates_and_their_loader_are_images() {
+    let image = elf(&[(0x8000, &VECTORS), (0x0006_7fc0, &[2; 64])]);
+    assert!(Image::of(&NRF52840_DK, &image).is_ok());
+    assert_eq!(updated(&NRF52840_DK, &image).unwrap().len(), 384 << 10);
+    let long = elf(&[(0x8000, &VECTORS), (0x0006_7fc0, &[2; 65])]);
+    let behind = Err(ImageError::Behind(0x0006_8001, 0x0006_8000));
+    assert_eq!(Image::of(&NRF52840_DK, &long).map(|_| ()), behind);
+    let program = elf(&[(0, &VECTORS)]);
+    assert!(Image::of(&NRF52840_DK, &program).is_ok());
+    assert_eq!(loader(&NRF52840_DK, &program).as_deref(), Ok(&VECTORS[..]));
+    // Other boards have no such loader.
+    let at = elf(&[(0x8000, &VECTORS)]);
+    let elsewhere = Err(ImageError::Elsewhere(0x8000, 0));
+    assert_eq!(Image::of(&NRF52833_DK, &at).map(|_| ()), elsewhere);
+    assert_eq!(
+        updated(&NRF52840_DK, &program),
+        Err(ImageError::Before(0, 0x8000))
+    );
 }
 
 /// Memory of the Feather, which is a part of its flash behind that for images.
 #[test]
 fn a_uf2_file_makes_a_node_forget() {
-    let image = Image::of(&FEATHER_NRF52840, &elf(&[(0x0002_6000, &[1; 256])])).unwrap();
-    let (_, file) = image.file(None, true).unwrap();
+    let feather = image(&FEATHER_NRF52840, &[(0x0002_6000, &[1; 256])]);
+    let (_, file) = feather.file(None, true).unwrap();
     let mut blocks = blocks(&file, 0xada5_2840).into_iter();
     assert_eq!(blocks.next(), Some((0x0002_6000, vec![1; 256])));
     let erased = (0x0009_a000..0x000a_c000).step_by(256);
     assert!(blocks.eq(erased.map(|address| (address, vec![0xff; 256]))));
     // One piece does not reach so far.
-    let dongle = Image::of(&PCA10059, &elf(&[(0x1000, &[1; 256])])).unwrap();
+    let dongle = image(&PCA10059, &[(0x1000, &[1; 256])]);
     assert!(dongle.file(None, true).is_none());
 }
 
 #[test]
 fn bytes_are_found_in_a_uf2_file() {
-    let image = Image::of(&XIAO_NRF52840, &elf(&[(0x0002_7000, &pattern(600))])).unwrap();
+    let image = image(&XIAO_NRF52840, &[(0x0002_7000, &pattern(600))]);
     let (_, mut file) = image.file(None, false).unwrap();
     file.splice(0..0, [0; 512]);
     let read = |at, len| uf2::read(&file, at, len);

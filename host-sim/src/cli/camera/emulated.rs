@@ -86,7 +86,7 @@ pub(in crate::cli) fn wire(
             &heard,
         ),
         Some(model) => {
-            let emulator = pixy_emulator::Emulator::new(camera.pixy(model)?, scene);
+            let emulator = pixy_emulator::Emulator::new(camera.pixy(model), scene);
             Virtual::begin(Pixy::new(emulator, baud), (baud, host_baud), &heard)
         }
     })

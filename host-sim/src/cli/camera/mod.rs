@@ -54,8 +54,8 @@ pub(super) struct Arguments {
     /// Model of the camera.
     #[arg(long, value_enum, default_value_t)]
     kind: KindOption,
-    /// A colour that a Pixy or an OpenMV Cam was taught, signature 1 first; may be repeated.
-    #[arg(long, value_name = "R,G,B", default_value = "225,110,35")]
+    /// A colour that a Pixy or an OpenMV Cam was taught, signature 1 first; may be repeated [default: 225,110,35].
+    #[arg(long, value_name = "R,G,B")]
     taught: Vec<pixy::Taught>,
     /// The rate that the camera's jumpers select [default: 115200], or that was set in another
     /// camera [default: 19200].
@@ -64,9 +64,9 @@ pub(super) struct Arguments {
     /// Understand the other program whatever rate it sets.
     #[arg(long)]
     any_baud: bool,
-    /// The sensor on the board of a CMUcam2.
-    #[arg(long, value_enum, default_value_t)]
-    sensor: SensorOption,
+    /// The sensor on the board of a CMUcam2 [default: ov6620].
+    #[arg(long, value_enum)]
+    sensor: Option<SensorOption>,
     /// Of noise and faults.
     #[arg(
         long, value_name = "N", default_value_t = 0, value_parser = values::seed
@@ -166,7 +166,8 @@ Scenes (--scene FILE.toml):
                         bearing_deg, elevation_deg, size_deg   positive to the left and upwards
                         x, y, height, radius                   in the world
   A size is one number above 0, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
-  Examples are in host/cmucam2-emulator/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
+  Examples are in host/cmucam2-emulator/scenes: orange-ball.toml, which is the default, with a smaller ball or a
+  tag before other cameras than a CMUcam2, and rolling-ball.toml.
 
 Video (--video FILE):
   Anything that ffmpeg reads: a recording, a webcam, a Raspberry Pi's camera, an IP camera. All of
@@ -228,7 +229,29 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 }
 
 impl Arguments {
+    /// Refuses options that mean nothing for this kind of camera.
+    fn check_kind(&self) -> anyhow::Result<()> {
+        let is_cmucam2 = self.kind == KindOption::Cmucam2;
+        let has_colours = !is_cmucam2 && self.kind != KindOption::OpenMvTags;
+        let only = "is for a CMUcam2";
+        for (is_given, has_use, option, why) in [
+            (self.sensor.is_some(), is_cmucam2, "--sensor", only),
+            (!self.switch.is_empty(), is_cmucam2, "--switch", only),
+            (!self.fault.is_empty(), is_cmucam2, "--fault", only),
+            (
+                !self.taught.is_empty(),
+                has_colours,
+                "--taught",
+                "is for cameras that are taught colours beforehand, --kind pixy2, pixy or openmv",
+            ),
+        ] {
+            ensure!(!is_given || has_use, "{option} {why}: leave it out");
+        }
+        Ok(())
+    }
+
     fn configuration(&self) -> anyhow::Result<Configuration> {
+        self.check_kind()?;
         ensure!(
             self.kind != KindOption::Cmucam2 || BAUD_RATES.contains(&self.baud()),
             "--baud {}: a CMUcam2 knows {}",
@@ -248,7 +271,7 @@ impl Arguments {
                 .with_context(|| format!("--fault {fault}"))?;
         }
         Ok(Configuration {
-            sensor: match self.sensor {
+            sensor: match self.sensor.unwrap_or_default() {
                 SensorOption::Ov6620 => Sensor::Ov6620,
                 SensorOption::Ov7620 => Sensor::Ov7620,
             },
@@ -308,12 +331,15 @@ impl Arguments {
             return Ok(Scene::default());
         }
         let Some(path) = &self.scene else {
+            // Pictures of a Pixy are flat; a CMUcam2 learns the colour of half the view.
+            let small = || USUAL_SCENE.replace("radius = 0.2", "radius = 0.15");
             let usual = match self.kind {
+                KindOption::Cmucam2 => USUAL_SCENE.to_owned(),
                 // Its script finds no balls.
-                KindOption::OpenMvTags => &USUAL_SCENE.replace("\"disc\"", "{ tag = 0 }"),
-                _ => USUAL_SCENE,
+                KindOption::OpenMvTags => small().replace("\"disc\"", "{ tag = 0 }"),
+                KindOption::Pixy2 | KindOption::Pixy | KindOption::OpenMv => small(),
             };
-            return Ok(self.scene_of(usual, sensor)?);
+            return Ok(self.scene_of(&usual, sensor)?);
         };
         let name = path.display();
         let text = fs::read_to_string(path).with_context(|| OfFile::unread(path))?;

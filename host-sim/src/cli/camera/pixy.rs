@@ -8,7 +8,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::bail;
 use cmucam2_emulator::{Background, Scene, Time};
 use pixy_emulator::{Configuration, Emulator, Model};
 
@@ -22,20 +21,24 @@ use super::{
 /// Its rate as it is shipped.
 pub(super) const BAUD: u32 = 19_200;
 
+/// Colour that it was taught, unless told otherwise: that of the ball of the usual scene.
+const USUAL_COLOUR: Taught = Taught([225, 110, 35]);
+
 impl Arguments {
-    /// Configuration of a camera of the Pixy family; refuses options that only a CMUcam2 has.
-    pub(super) fn pixy(&self, model: Model) -> anyhow::Result<Configuration> {
-        if !(self.switch.is_empty() && self.fault.is_empty()) {
-            bail!("--switch and --fault are those of a CMUcam2");
-        }
-        Ok(Configuration {
+    /// Configuration of a camera of the Pixy family.
+    pub(super) fn pixy(&self, model: Model) -> Configuration {
+        let taught = match &self.taught[..] {
+            [] => &[USUAL_COLOUR],
+            taught => taught,
+        };
+        Configuration {
             model,
             baud: self.baud(),
-            signatures: self.taught.iter().map(|&Taught(colour)| colour).collect(),
+            signatures: taught.iter().map(|&Taught(colour)| colour).collect(),
             seed: self.seed,
             watched: self.verbose,
             ..Configuration::default()
-        })
+        }
     }
 }
 
@@ -76,7 +79,7 @@ pub(super) fn run(
     let mut line = arguments.line()?;
     arguments.tell_where(name(model), &line);
     let baud = arguments.baud();
-    let emulator = Emulator::new(arguments.pixy(model)?, scene);
+    let emulator = Emulator::new(arguments.pixy(model), scene);
     let mut carried = Carried::new(Pixy::new(emulator, baud), baud);
     let start = Instant::now();
     // 584 years.

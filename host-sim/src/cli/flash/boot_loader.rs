@@ -93,7 +93,7 @@ impl Volume<'_> {
         // Older boot loaders do not tell.
         if let Some(found) = field(&about, "SoftDevice:") {
             ensure!(
-                found == soft_device,
+                is_soft_device(found, soft_device),
                 "this {} has the SoftDevice `{found}`, and an image starts only behind `{soft_device}`: \
                  nothing was written. Bring it up to date with the boot loader's own file",
                 board.title
@@ -175,6 +175,12 @@ fn field<'a>(about: &'a str, name: &str) -> Option<&'a str> {
 
 fn is_of(about: &str, ids: &[&str]) -> bool {
     field(about, "Board-ID:").is_some_and(|id| ids.iter().any(|start| id.starts_with(start)))
+}
+
+/// Returns true if a volume tells this `SoftDevice`: boot loaders write `S140 6.1.1` or `S140 version 6.1.1`.
+fn is_soft_device(found: &str, wanted: &str) -> bool {
+    let words = found.split_whitespace().filter(|word| *word != "version");
+    words.eq(wanted.split_whitespace())
 }
 
 /// Volumes that are mounted.

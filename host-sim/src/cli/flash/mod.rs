@@ -27,7 +27,7 @@ use site::{
 use xshell::{Cmd, Shell, cmd};
 
 use self::boot_loader::Volume;
-use super::{OfFile, files::Files, print, provision::read_page, tell};
+use super::{OfFile, file_name, files::Files, print, provision::read_page, tell};
 
 /// Folder into which `cargo xtask firmware` puts images.
 const IMAGES: &str = "target/firmware";
@@ -65,13 +65,16 @@ pub(super) struct Arguments {
     #[arg(long)]
     probe: Option<String>,
     /// Writes the file that the boot loader of the board takes, image and page in one, and touches no board.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["probe", "volume", "lock", "unlock", "dry_run"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["probe", "volume", "lock", "unlock"])]
     file: Option<PathBuf>,
+    /// Writes over a file that exists.
+    #[arg(long, requires = "file")]
+    overwrite: bool,
     /// Folder of the volume that the boot loader shows; without it, it is looked for.
-    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["probe", "lock", "unlock", "dry_run"])]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["probe", "lock", "unlock"])]
     volume: Option<PathBuf>,
     /// Serial port of a boot loader that takes a package; without it, it is looked for.
-    #[arg(long, value_name = "PORT", conflicts_with_all = ["file", "probe", "volume", "lock", "unlock", "dry_run"])]
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["file", "probe", "volume", "lock", "unlock"])]
     port: Option<String>,
     /// Makes the node forget its network, its place and its extended address: when it was moved, or
     /// its memory is damaged.
@@ -85,7 +88,7 @@ pub(super) struct Arguments {
     /// the board holds.
     #[arg(long, requires = "config")]
     unlock: bool,
-    /// Tells the commands, and runs none.
+    /// Tells the commands, or the steps with a boot loader, and runs none.
     #[arg(long)]
     dry_run: bool,
 }
@@ -169,7 +172,7 @@ impl Arguments {
     }
 
     fn is_for_boot_loader(&self) -> bool {
-        let asks_for_probe = self.probe.is_some() || self.lock || self.unlock || self.dry_run;
+        let asks_for_probe = self.probe.is_some() || self.lock || self.unlock;
         let asks_for_loader = self.file.is_some() || self.volume.is_some() || self.port.is_some();
         asks_for_loader || self.board.loader.is_some() && !asks_for_probe
     }
@@ -196,27 +199,48 @@ impl Arguments {
                 self.board.title
             ),
         }
+        if let Loader::Dfu { .. } = loader {
+            // The one before would go with the image before.
+            ensure!(
+                page.is_some(),
+                "a {} has its page within the image: name it with --config",
+                self.board.title
+            );
+            ensure!(
+                !self.erase_memory,
+                "the boot loader of a {} cannot erase the memory: that takes a debug probe, named \
+                 with --probe",
+                self.board.title
+            );
+        }
         let path = self.image()?;
         let files = Files::default().reads([&path]).reads(&self.config);
         files.writes(&self.file).check()?;
+        if let Some(file) = &self.file {
+            ensure!(
+                self.overwrite || !file.exists(),
+                "{} exists: name another file with --file, or use --overwrite",
+                file_name(file)
+            );
+        }
+        if let Some(page) = page {
+            tell(node::text(page.config.settings())?.trim_end());
+        }
+        if self.dry_run {
+            for step in self.steps(loader, &path, page) {
+                print(&format!("{step}\n"))?;
+            }
+            return Ok(());
+        }
         let elf = fs::read(&path).with_context(|| OfFile::unread(&path))?;
         let image = Image::of(self.board, &elf)?;
         let bytes = page.map(|page| fs::read(&page.path)).transpose()?;
         let file = image.file(bytes.as_deref(), self.erase_memory);
-        let (_, file) = file.with_context(|| {
-            format!(
-                "the boot loader of a {} cannot erase the memory: that takes a debug probe, named \
-                 with --probe",
-                self.board.title
-            )
-        })?;
-        if let Some(page) = page {
-            tell(node::text(page.config.settings())?.trim_end());
-        }
+        let (_, file) = file.context("the board's boot loader takes no file")?;
         match (&self.file, loader) {
             (Some(path), _) => {
                 // It may hold a key.
-                write_private(path, &file, true)
+                write_private(path, &file, self.overwrite)
                     .with_context(|| format!("{} was not written", path.display()))?;
                 if let Loader::Dfu { press, .. } = loader {
                     tell(boot_loader::by_hand(press, path));
@@ -231,15 +255,65 @@ impl Arguments {
                 volume.write(&file)
             }
             (None, Loader::Dfu { press, usb, .. }) => {
-                // The one before would go with the image before.
-                ensure!(
-                    bytes.is_some(),
-                    "a {} has its page within the image: name it with --config",
-                    self.board.title
-                );
                 let package = image.package(bytes.as_deref());
                 let package = package.context("the board's boot loader takes no package")?;
                 boot_loader::send(self.board, (press, usb), self.port.as_deref(), package)
+            }
+        }
+    }
+
+    /// Steps of [`Self::by_boot_loader`], for a person.
+    fn steps(&self, loader: Loader, image: &Path, page: Option<&Page>) -> Vec<String> {
+        let title = self.board.title;
+        let page = page.map(|page| page.path.display());
+        let mut parts = format!("the image {}", image.display());
+        if let Some(page) = &page {
+            parts += &format!(", the page {page}");
+        }
+        if self.erase_memory {
+            parts += ", an erased memory";
+        }
+        match (&self.file, loader) {
+            (Some(file), loader) => {
+                let written = format!("write {}: {parts}", file.display());
+                let by_hand = match loader {
+                    Loader::Dfu { press, .. } => Some(boot_loader::by_hand(press, file)),
+                    Loader::Uf2 { .. } => None,
+                };
+                [Some(written), by_hand].into_iter().flatten().collect()
+            }
+            (
+                None,
+                Loader::Uf2 {
+                    press, soft_device, ..
+                },
+            ) => {
+                let place = match &self.volume {
+                    Some(folder) => format!(" in {}", folder.display()),
+                    None => String::new(),
+                };
+                let compared = page.filter(|_| !self.erase_memory);
+                let compared = compared.map(|page| format!("compare the board's page with {page}"));
+                let first = [
+                    format!("wait for the volume of a {title}{place}: {press}"),
+                    format!("check that it has the SoftDevice {soft_device}"),
+                ];
+                let last = [
+                    format!("copy one file to it: {parts}"),
+                    "wait until the board has started".to_owned(),
+                ];
+                first.into_iter().chain(compared).chain(last).collect()
+            }
+            (None, Loader::Dfu { press, .. }) => {
+                let port = match &self.port {
+                    Some(port) => format!("the serial port {port}"),
+                    None => format!("the serial port of a {title}"),
+                };
+                vec![
+                    format!("wait for {port}: {press}"),
+                    format!("send one package to it: {parts}"),
+                    "wait until the board has started".to_owned(),
+                ]
             }
         }
     }

@@ -4,11 +4,13 @@
 use std::{
     io::{self, Write},
     path::Path,
+    time::Duration,
 };
 
 use anyhow::{anyhow, bail};
+use calib_core::camera::Camera;
 use host_sim::probe::{
-    View,
+    View, advice,
     display::{Degrees, Height},
     port::{Baud, Clock, Overheard, Port, PortError},
     record::Recording,
@@ -29,11 +31,17 @@ use serde::Serialize;
 use super::{
     Arguments, KindOption, Person, live, stops,
     stops::{NotSeen, Watches},
-    tell,
+    tell, tell_search,
 };
 
 /// Rates that are tried: as it is shipped, and others that people set.
 const RATES: [u32; 5] = [19_200, 115_200, 57_600, 38_400, 230_400];
+
+/// Longest time for which a camera that was just switched on says nothing: two seconds, and some more.
+const STARTS: Duration = Duration::from_millis(2_500);
+
+/// Most looks at each rate, where garbage ends each look early.
+const ROUNDS: usize = 8;
 
 /// An adapter on USB holds bytes back. So does a busy computer, where the camera is another program on it.
 fn patient() -> Policy {
@@ -58,16 +66,19 @@ struct Line {
     sigma_rad: Option<f64>,
     /// Elevation of the same.
     elevation_rad: Option<f64>,
+    /// Words for why there is no bearing.
+    reason: Option<String>,
 }
 
-type Camera = Pixy<Port, Clock>;
+type Device = Pixy<Port, Clock>;
 
 /// A camera with what is known about it.
 struct Bench<'a> {
     arguments: &'a Arguments,
-    camera: Camera,
+    camera: Device,
     clock: Clock,
     view: View,
+    shape: Shape,
     person: Person,
 }
 
@@ -75,8 +86,8 @@ impl Bench<'_> {
     /// The two largest blobs of the signature, the largest first.
     fn blocks(&mut self) -> anyhow::Result<Vec<Block>> {
         let of = match self.camera.model() {
-            Model::OpenMvTags => Signatures::tag(self.arguments.tag),
-            _ => Signatures::one(self.arguments.signature),
+            Model::OpenMvTags => Signatures::tag(self.arguments.tag.unwrap_or(0)),
+            _ => Signatures::one(self.arguments.signature.unwrap_or(1)),
         };
         let blocks = self.camera.blocks(of, 2).wait();
         let path = self.arguments.line();
@@ -95,6 +106,14 @@ impl Watches for Bench<'_> {
 
     fn person(&mut self) -> &mut Person {
         &mut self.person
+    }
+
+    fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn tells_pixels(&self) -> bool {
+        false
     }
 
     /// It looks all the time.
@@ -145,26 +164,19 @@ pub(super) fn run(
     person: Person,
     recording: Option<(&Path, Recording)>,
 ) -> anyhow::Result<()> {
-    let only = [
-        (arguments.frame.is_some(), "--frame"),
-        (arguments.colour.is_some(), "--colour"),
-        (arguments.high_res, "--high-res"),
-        (arguments.first_column.is_some(), "--first-column"),
-    ];
-    if let Some((_, option)) = only.iter().find(|(given, _)| *given) {
-        bail!("{option} is for a CMUcam2");
-    }
     let [expected, _] = model.size();
-    let optics = arguments.camera.camera(expected)?;
+    // What is wrong with it is told before anyone waits for the camera.
+    arguments.camera.of_live::<f64>(expected)?;
     let path = arguments.line();
     let (mut camera, clock, rate) = connect(arguments, model, &person)?;
     let refused = |error| failed(path, error);
-    if model.streams() {
+    let columns = if model.streams() {
         let [columns, rows] = model.size();
         tell(format_args!(
             "{path}: a stream of blobs at {rate} baud, taken for that of the {} in {columns} x {rows}",
             name(model)
         ));
+        expected
     } else {
         let version = camera.version().wait().map_err(refused)?;
         let (columns, rows) = camera.resolution().wait().map_err(refused)?;
@@ -175,12 +187,14 @@ pub(super) fn run(
         if columns != expected {
             tell(format_args!("nodes expect {expected} columns"));
         }
-    }
+        columns
+    };
     let mut bench = Bench {
         arguments,
         camera,
         clock,
-        view: View::new(expected, 0, optics),
+        view: View::new(columns, 0, arguments.camera.of_live(columns)?),
+        shape: shape(model, arguments.camera.of_live(columns)?),
         person,
     };
     match recording {
@@ -189,19 +203,23 @@ pub(super) fn run(
     }
 }
 
+/// Shape of what the camera looks for, as a node takes it that is told nothing else.
+fn shape(model: Model, optics: Option<Camera<f32>>) -> Shape {
+    match model {
+        Model::OpenMvTags => Shape::Any,
+        Model::Pixy2 | Model::Pixy | Model::OpenMv => Shape::Round {
+            rows_per_column: 1.0,
+            optics,
+        },
+    }
+}
+
 /// Prints the blobs.
 fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
     let arguments = bench.arguments;
     let model = bench.camera.model();
-    let shape = match model {
-        Model::OpenMvTags => Shape::Any,
-        _ => Shape::Round {
-            rows_per_column: 1.0,
-            optics: None,
-        },
-    };
     let frames = usize::from(Patience::default().frames);
-    let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, model.size()[0], shape);
+    let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, bench.view.columns(), bench.shape);
     let clock = bench.clock.clone();
     live::until_enough(arguments, &clock, |elapsed| {
         let blocks = bench.blocks()?;
@@ -211,6 +229,12 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             .ok()
             .and_then(|steady| bench.view.bearing(steady));
         let largest = blocks.first();
+        let reason = match (largest, &steady) {
+            (None, _) => Some(Look::Nothing.to_string()),
+            (_, Err(why)) => Some(why.to_string()),
+            (_, Ok(_)) if bearing.is_none() => Some("--fov-deg is not given".to_owned()),
+            _ => None,
+        };
         let line = Line {
             seconds: elapsed().as_secs_f64(),
             blocks: blocks.len(),
@@ -221,6 +245,7 @@ fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
             bearing_rad: bearing.map(|told| told.bearing),
             sigma_rad: bearing.map(|told| told.sigma),
             elevation_rad: bearing.and_then(|told| told.elevation),
+            reason,
         };
         let mut out = io::stdout().lock();
         if arguments.json {
@@ -255,7 +280,7 @@ fn connect(
     arguments: &Arguments,
     model: Model,
     person: &Person,
-) -> anyhow::Result<(Camera, Clock, u32)> {
+) -> anyhow::Result<(Device, Clock, u32)> {
     let first = if model.streams() {
         Request::Blocks {
             of: Signatures::ALL,
@@ -268,9 +293,11 @@ fn connect(
         Baud::Rate(rate) => vec![rate],
         Baud::Auto => RATES.to_vec(),
     };
-    // A camera that starts is silent for two seconds.
-    for round in 0..2 {
-        for &rate in &rates {
+    tell_search(arguments, name(model), &rates);
+    let mut looked = Duration::ZERO;
+    for round in 0..ROUNDS {
+        let mut is_last = false;
+        for (number, &rate) in rates.iter().enumerate() {
             let port = arguments.open(rate, person)?;
             let (clock, heard) = (port.clock(), port.heard());
             let mut policy = if round == 0 {
@@ -283,7 +310,12 @@ fn connect(
                 policy.retries = 0;
             }
             let mut camera = Pixy::with_policy(model, port, clock.clone(), policy);
-            match camera.request(first).wait() {
+            let begun = clock.now();
+            let answer = camera.request(first).wait();
+            looked += clock.now().saturating_sub(begun);
+            // The first rate is the likeliest.
+            is_last |= round > 0 && number == 0 && looked >= STARTS;
+            match answer {
                 Ok(_) => {
                     let (port, delay) = camera.release();
                     let camera = Pixy::with_policy(model, port, delay, patient());
@@ -302,6 +334,9 @@ fn connect(
                 }
                 Err(error) => return Err(failed(arguments.line(), error)),
             }
+        }
+        if is_last {
+            break;
         }
     }
     let tried: Vec<_> = rates.iter().map(u32::to_string).collect();
@@ -323,8 +358,11 @@ fn connect(
 }
 
 fn failed(port: &str, error: Error<PortError>) -> anyhow::Error {
-    match error {
-        Error::Uart(PortError::Interrupted) => PortError::Interrupted.into(),
-        error => anyhow!("{port}: {error}"),
-    }
+    let why = match error {
+        Error::Uart(PortError::Interrupted) => return PortError::Interrupted.into(),
+        Error::Uart(error) => advice::of_port(&error),
+        Error::Closed => advice::CLOSED.to_owned(),
+        Error::Camera(fault) => fault.to_string(),
+    };
+    anyhow!("{port}: {why}")
 }

@@ -5,6 +5,7 @@ use std::{
     path::Path,
 };
 
+use anyhow::ensure;
 use cmucam2_driver::colour::ColourBounds;
 use host_sim::probe::{
     View,
@@ -45,6 +46,10 @@ pub(super) trait Watches {
     fn arguments(&self) -> &Arguments;
     fn view(&self) -> &View;
     fn person(&mut self) -> &mut Person;
+    /// Shape of what it watches.
+    fn shape(&self) -> Shape;
+    /// Returns true if its blobs have a number of pixels and a confidence.
+    fn tells_pixels(&self) -> bool;
     /// Called before the first look; `end` after the last one.
     fn begin(&mut self) -> anyhow::Result<()>;
     fn end(&mut self) -> anyhow::Result<()>;
@@ -63,7 +68,7 @@ pub(super) fn run(
         let sighting = wait(camera)??;
         return keep(camera, recording, path, place, &sighting);
     }
-    let mut kept = 0_usize;
+    let (mut kept, mut refused) = (0_usize, 0_usize);
     if Person::is_there() {
         tell("Put the object at a known place and type where that is. `q` or Ctrl-D ends.");
     }
@@ -72,17 +77,28 @@ pub(super) fn run(
             "" => continue,
             "q" => break,
             text => match record::place(text) {
-                Err(why) => tell(format_args!("{text}: {why}")),
+                Err(why) => {
+                    refused += 1;
+                    tell(format_args!("{text}: {why}"));
+                }
                 Ok(place) => match wait(camera)? {
                     Ok(sighting) => {
                         keep(camera, recording, path, place, &sighting)?;
                         kept += 1;
                     }
-                    Err(why) => tell(format_args!("{text} is not recorded: {why}")),
+                    Err(why) => {
+                        refused += 1;
+                        tell(format_args!("{text} is not recorded: {why}"));
+                    }
                 },
             },
         }
     }
+    ensure!(
+        kept > 0 || refused == 0,
+        "no sighting was added to {}: see above why, and type the same command again",
+        path.display()
+    );
     let plural = if kept == 1 { "" } else { "s" };
     tell(format_args!(
         "{kept} sighting{plural} added to {}",
@@ -95,8 +111,7 @@ pub(super) fn run(
 fn wait(camera: &mut impl Watches) -> anyhow::Result<Result<Steady, NotSeen>> {
     let packets = usize::from(camera.arguments().packets);
     let columns = camera.view().columns();
-    // Not every object is round.
-    let mut steadiness = Steadiness::<PACKETS_MAX>::new(packets, columns, Shape::Any);
+    let mut steadiness = Steadiness::<PACKETS_MAX>::new(packets, columns, camera.shape());
     let mut judged = Err(NotSeen::Unsteady(Unsteady::Few));
     let wait = spinner("looking");
     camera.begin()?;
@@ -138,6 +153,15 @@ impl Watches for Tracking<'_, '_> {
 
     fn person(&mut self) -> &mut Person {
         &mut self.bench.person
+    }
+
+    /// Not every object is round.
+    fn shape(&self) -> Shape {
+        Shape::Any
+    }
+
+    fn tells_pixels(&self) -> bool {
+        true
     }
 
     fn begin(&mut self) -> anyhow::Result<()> {
@@ -188,7 +212,10 @@ fn keep(
     recording.append(&row)?;
     let mut out = io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer(&mut out, &SightingLine::new(row, sighting, bearing))?;
+        serde_json::to_writer(
+            &mut out,
+            &SightingLine::new(row, sighting, bearing, camera.tells_pixels()),
+        )?;
         return Ok(out.write_all(b"\n")?);
     }
     let Row { case, column, .. } = row;
@@ -201,9 +228,12 @@ fn keep(
     } = sighting;
     write!(
         out,
-        "{case},{target_x},{target_y}: column {column:.2} +/- {column_sigma:.2} ({frames} packets, \
-         pixels {pixels}, confidence {confidence})"
+        "{case},{target_x},{target_y}: column {column:.2} +/- {column_sigma:.2} ({frames} packets"
     )?;
+    if camera.tells_pixels() {
+        write!(out, ", pixels {pixels}, confidence {confidence}")?;
+    }
+    write!(out, ")")?;
     if let Some(bearing) = bearing {
         write!(
             out,

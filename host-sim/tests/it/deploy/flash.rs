@@ -55,13 +55,20 @@ fn provision(place: &Place, role: &str, name: &str) {
     place.run(&[&words[..], asked].concat()).ok();
 }
 
-/// An image for an ARM processor, of one part of 4 bytes that are put before the end of the flash's
-/// range (System V ABI, "Object files").
-fn elf(virtual_address: u32, end: u32) -> Vec<u8> {
+/// The begin of an image: its stack begins at 0x20001000 (ARMv7-M Architecture Reference Manual, "The vector table").
+const BEGIN: &[u8; 8] = b"\0\x10\0\x20code";
+
+/// An image for an ARM processor that begins there, with 4 more bytes before its end if that is not the end of
+/// [`BEGIN`] (System V ABI, "Object files").
+fn elf(start: u32, end: u32) -> Vec<u8> {
     let half = |number: u16| number.to_le_bytes().to_vec();
     let word = |number: u32| number.to_le_bytes().to_vec();
+    let mut parts = vec![(start, &BEGIN[..])];
+    if end > start + BEGIN.len() as u32 {
+        parts.push((end - 4, b"last"));
+    }
     let (header, part) = (52, 32);
-    [
+    let mut file = [
         // 32 bits, little-endian, version 1; executable, ARM.
         b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec(),
         half(2),
@@ -73,22 +80,22 @@ fn elf(virtual_address: u32, end: u32) -> Vec<u8> {
         word(0),
         half(header as u16),
         half(part as u16),
-        half(1),
+        half(parts.len() as u16),
         half(0),
         half(0),
         half(0),
-        // To be loaded: offset, addresses, bytes in the file and in memory, readable.
-        word(1),
-        word(header + part),
-        word(virtual_address),
-        word(end - 4),
-        word(4),
-        word(4),
-        word(4),
-        word(4),
-        b"code".to_vec(),
     ]
-    .concat()
+    .concat();
+    let mut offset = header + part * parts.len() as u32;
+    for &(address, bytes) in &parts {
+        let length = bytes.len() as u32;
+        // To be loaded: offset, virtual and physical address, bytes in the file and in memory, readable.
+        let words = [1, offset, 0x2000_0000, address, length, length, 4, 4];
+        file.extend(words.map(u32::to_le_bytes).concat());
+        offset += length;
+    }
+    file.extend(parts.iter().flat_map(|(_, bytes)| *bytes));
+    file
 }
 
 fn install(place: &Place) {
@@ -390,12 +397,22 @@ fn nothing_is_skipped() {
     // Its contents end within the flash, but reach beyond the image's end; those of the other one begin in RAM.
     fs::write(place.path("large.elf"), elf(0, IMAGE_END + 1)).unwrap();
     fs::write(place.path("ram.elf"), elf(0, 0x2000_1000)).unwrap();
-    let mut other = elf(0, IMAGE_END);
+    let image = elf(0, IMAGE_END);
+    fs::write(place.path("cut.elf"), &image[..image.len() - 1]).unwrap();
+    let mut other = image;
+    let stack = other.windows(8).position(|part| part == BEGIN).unwrap();
+    // At the top of the RAM of a larger chip.
+    other[stack + 2] = 5;
+    fs::write(place.path("stack.elf"), &other).unwrap();
+    fs::write(place.path("middle.elf"), elf(0x0002_7000, 0x0002_7008)).unwrap();
     other[18] = 3;
     fs::write(place.path("other.elf"), other).unwrap();
     for (error, words) in [
         ("none.elf cannot be read", "--image=none.elf"),
         ("it is no image", "--image=text.elf"),
+        ("it is cut off", "--image=cut.elf"),
+        ("it begins at 0x27000", "--image=middle.elf"),
+        ("its stack begins at 0x20051000", "--image=stack.elf"),
         ("no image for an ARM", "--image=other.elf"),
         ("behind the part for images", "--image=large.elf"),
         ("behind the part for images", "--image=ram.elf"),
@@ -436,7 +453,7 @@ fn a_failure_ends_it() {
 
 /// Texts of boot loaders, as they show them (Adafruit's boot loader, `ghostfat.c`).
 const XIAO: &str = "UF2 Bootloader 0.6.1\r\nModel: Seeed XIAO nRF52840\r\nBoard-ID: nRF52840-SeeedXiao-v1\r\n\
-                    Date: Nov 12 2021\r\nSoftDevice: S140 7.3.0\r\n";
+                    Date: Nov 12 2021\r\nSoftDevice: S140 version 7.3.0\r\n";
 
 /// A block of a UF2 file (<https://github.com/microsoft/uf2>, "File format").
 fn block(address: u32, bytes: &[u8]) -> Vec<u8> {
@@ -491,7 +508,7 @@ fn boot_loader(folder: &Path) -> thread::JoinHandle<Vec<(u32, Vec<u8>)>> {
 #[test]
 fn a_boot_loader_takes_image_and_page() {
     let place = place();
-    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7004)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7008)).unwrap();
     let page = fs::read(place.path("page.bin")).unwrap();
     let words = [
         "flash",
@@ -500,14 +517,16 @@ fn a_boot_loader_takes_image_and_page() {
         "--image=image.elf",
         "--config=page.bin",
     ];
-    for board_has in [&[][..], &page] {
-        let folder = volume(&place, XIAO, board_has);
+    // Older and newer boot loaders of all boards name the SoftDevice in either way.
+    let short = XIAO.replace(" version", "");
+    for (about, board_has) in [(XIAO, &[][..]), (&short, &page)] {
+        let folder = volume(&place, about, board_has);
         let loader = boot_loader(&folder);
         place.run(&words).ok();
         let blocks = loader.join().unwrap();
         let addresses: Vec<_> = blocks.iter().map(|(address, _)| *address).collect();
         assert!(addresses.starts_with(&[0x0002_7000]), "{addresses:x?}");
-        assert!(blocks[0].1.starts_with(b"code\xff"));
+        assert!(blocks[0].1.starts_with(&[&BEGIN[..], b"\xff"].concat()));
         let written: Vec<u8> = blocks[1..]
             .iter()
             .flat_map(|(_, bytes)| bytes.clone())
@@ -527,7 +546,7 @@ fn a_boot_loader_takes_image_and_page() {
 #[test]
 fn a_boot_loader_of_another_board_gets_nothing() {
     let place = place();
-    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7004)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7008)).unwrap();
     provision(&place, "camera", "other.bin");
     let other = fs::read(place.path("other.bin")).unwrap();
     let words = [
@@ -543,7 +562,12 @@ fn a_boot_loader_of_another_board_gets_nothing() {
     let old = XIAO.replace("7.3.0", "6.1.1");
     for (about, page, error) in [
         (&*feather, &[][..], "not that of a Seeed XIAO nRF52840"),
-        (&old, &[], "has the SoftDevice `S140 6.1.1`"),
+        (&old, &[], "has the SoftDevice `S140 version 6.1.1`"),
+        (
+            &old.replace(" version", ""),
+            &[],
+            "has the SoftDevice `S140 6.1.1`",
+        ),
         (XIAO, &other, "another role"),
         (XIAO, &damaged, "cannot be compared"),
     ] {
@@ -564,7 +588,7 @@ fn a_boot_loader_of_another_board_gets_nothing() {
     // A development kit has its probe, and an image is for one board.
     let kit = ["flash", "nrf52840", "--volume=volume", "--image=image.elf"];
     place.run(&kit).fails("has no boot loader");
-    fs::write(place.path("image.elf"), elf(0x0002_6000, 0x0002_6004)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0002_6000, 0x0002_6008)).unwrap();
     place.run(&words).fails("before the board's image");
 }
 
@@ -572,7 +596,7 @@ fn a_boot_loader_of_another_board_gets_nothing() {
 #[test]
 fn an_option_of_the_other_kind_of_boot_loader_is_refused() {
     let place = place();
-    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7004)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_7008)).unwrap();
     let folder = volume(&place, XIAO, &[]);
     for (board, option, error) in [
         ("xiao-nrf52840", "--port=/dev/ttyACM0", "leave --port out"),
@@ -588,7 +612,7 @@ fn an_option_of_the_other_kind_of_boot_loader_is_refused() {
 #[test]
 fn a_file_for_a_boot_loader() {
     let place = place();
-    fs::write(place.path("image.elf"), elf(0x1000, 0x1004)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x1000, 0x1008)).unwrap();
     let words = [
         "flash",
         "pca10059",
@@ -614,10 +638,130 @@ fn a_file_for_a_boot_loader() {
     assert!(has(&page) && has(b"manifest.json"));
     let forget = [&words[..], &["--erase-memory"]].concat();
     place.run(&forget).fails("cannot erase the memory");
-    place
-        .run(&[&words[..4], &["--file=page.bin"]].concat())
-        .fails("page.bin");
+}
+
+/// A file that is there may be anything, such as the key of a site.
+#[test]
+fn a_file_is_written_over_only_if_that_is_said() {
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x1000, 0x1008)).unwrap();
+    let key = fs::read(place.path("site.sitekey")).unwrap();
+    let page = fs::read(place.path("page.bin")).unwrap();
+    let words = [
+        "flash",
+        "pca10059",
+        "--image=image.elf",
+        "--config=page.bin",
+    ];
+    let run = |more: &[&str]| place.run(&[&words[..], more].concat());
+    run(&["--file=site.sitekey"])
+        .fails("site.sitekey exists: name another file with --file, or use --overwrite");
+    assert_eq!(fs::read(place.path("site.sitekey")).unwrap(), key);
+    // A file that is read is none for a result, whatever is said.
+    run(&["--file=page.bin", "--overwrite"]).fails("page.bin is read");
     assert_eq!(fs::read(place.path("page.bin")).unwrap(), page);
+    run(&["--file=node.zip"]).ok();
+    let first = fs::read(place.path("node.zip")).unwrap();
+    place.write("node.zip", "something else");
+    run(&["--file=node.zip"]).fails("node.zip exists");
+    run(&["--file=node.zip", "--overwrite"]).ok();
+    assert_eq!(fs::read(place.path("node.zip")).unwrap(), first);
+    run(&["--overwrite"]).fails("--file");
+}
+
+/// The page of a dongle goes with the image before, whichever way the new one comes.
+#[test]
+fn a_dongle_gets_no_image_without_a_page() {
+    let place = place();
+    fs::write(place.path("image.elf"), elf(0x1000, 0x1008)).unwrap();
+    for way in [
+        &["--file=node.zip"][..],
+        &["--port=none"],
+        &["--dry-run"],
+        &[],
+    ] {
+        let words = ["flash", "pca10059", "--image=image.elf"];
+        place
+            .run(&[&words[..], way].concat())
+            .fails("name it with --config");
+    }
+    assert!(!place.path("node.zip").exists());
+}
+
+/// Steps with a boot loader, of which none is taken: no probe-rs, no volume and no port is there.
+#[test]
+fn a_dry_run_tells_the_steps_with_a_boot_loader() {
+    let place = place();
+    fs::write(place.path("xiao.elf"), elf(0x0002_7000, 0x0002_7008)).unwrap();
+    fs::write(place.path("dongle.elf"), elf(0x1000, 0x1008)).unwrap();
+    let files = || fs::read_dir(place.path("")).unwrap().count();
+    let before = files();
+    let steps = |words: &[&str]| {
+        let run = place.run(&[words, &["--dry-run", "--config=page.bin"]].concat());
+        assert!(run.stderr.contains("role = \"target\""), "{}", run.stderr);
+        assert!(!run.stderr.contains("probe-rs"), "{}", run.stderr);
+        run.ok().lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let xiao = ["flash", "xiao-nrf52840", "--image=xiao.elf"];
+    let press = "press its button RST twice, quickly";
+    let usual = [
+        format!("wait for the volume of a Seeed XIAO nRF52840: {press}"),
+        "check that it has the SoftDevice S140 7.3.0".to_owned(),
+        "compare the board's page with page.bin".to_owned(),
+        "copy one file to it: the image xiao.elf, the page page.bin".to_owned(),
+        "wait until the board has started".to_owned(),
+    ];
+    assert_eq!(steps(&xiao), usual);
+    let named = steps(&[&xiao[..], &["--volume=none", "--erase-memory"]].concat());
+    assert!(named[0].contains("XIAO nRF52840 in none:"), "{named:?}");
+    assert!(
+        !named.iter().any(|step| step.contains("compare")),
+        "{named:?}"
+    );
+    assert!(
+        named[2].ends_with("the page page.bin, an erased memory"),
+        "{named:?}"
+    );
+    let file = ["write node.uf2: the image xiao.elf, the page page.bin"];
+    assert_eq!(steps(&[&xiao[..], &["--file=node.uf2"]].concat()), file);
+
+    let dongle = ["flash", "pca10059", "--image=dongle.elf"];
+    let sent = steps(&dongle);
+    assert!(
+        sent[0].starts_with("wait for the serial port of a nRF52840 dongle"),
+        "{sent:?}"
+    );
+    assert!(
+        sent[1].starts_with("send one package to it: the image dongle.elf"),
+        "{sent:?}"
+    );
+    let sent = steps(&[&dongle[..], &["--port=none"]].concat());
+    assert!(
+        sent[0].starts_with("wait for the serial port none: press"),
+        "{sent:?}"
+    );
+    let file = steps(&[&dongle[..], &["--file=node.zip"]].concat());
+    assert!(file[1].contains("-pkg node.zip"), "{file:?}");
+    assert_eq!(files(), before);
+    // A probe is asked for by name.
+    let probe = place.run(&[&xiao[..], &["--probe=1366:1015", "--dry-run"]].concat());
+    assert!(
+        probe
+            .ok()
+            .starts_with("probe-rs download --chip nRF52840_xxAA")
+    );
+    // An image that is still to be made is no error, and one for another board is.
+    let words = ["flash", "xiao-nrf52840", "--dry-run"];
+    let run = place.run(&words);
+    assert!(
+        run.stderr.contains("type `cargo xtask firmware`"),
+        "{}",
+        run.stderr
+    );
+    assert!(run.ok().contains("xiao-nrf52840-node.elf\n"));
+    place
+        .run(&[&words[..], &["--image=dongle.elf"]].concat())
+        .fails("before the board's image");
 }
 
 /// Faults of a dongle's boot loader.
@@ -737,7 +881,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 fn a_dongle_takes_image_and_page_over_its_line() {
     assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
     let place = place();
-    fs::write(place.path("image.elf"), elf(0x1000, 0x1004)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x1000, 0x1008)).unwrap();
     let page = fs::read(place.path("page.bin")).unwrap();
     // The page is 0x200 behind the image's begin.
     let length = 0x200 + page.len();
@@ -763,8 +907,8 @@ fn a_dongle_takes_image_and_page_over_its_line() {
         run.ok();
         let (image, longest) = loader.join().unwrap();
         assert_eq!(image.len(), length);
-        assert!(image.starts_with(b"code") && image.ends_with(&page));
-        assert!(image[4..0x200].iter().all(|&byte| byte == 0xff));
+        assert!(image.starts_with(BEGIN) && image.ends_with(&page));
+        assert!(image[8..0x200].iter().all(|&byte| byte == 0xff));
         assert!(longest <= 67, "{longest}");
     }
     let damaged = Faults {
@@ -779,6 +923,4 @@ fn a_dongle_takes_image_and_page_over_its_line() {
     };
     let (run, _) = flash(other, config);
     run.fails("for other hardware");
-    let (run, _) = flash(Faults::default(), &[]);
-    run.fails("--config");
 }

@@ -476,7 +476,7 @@ fn the_camera_follows_with_its_servos() {
 #[test]
 fn the_usual_scene_can_be_learned_and_tracked() {
     let text = include_str!("../../scenes/orange-ball.toml");
-    for wait in 0..6 {
+    for wait in 0..8 {
         let scene = Scene::from_toml(text, Sensor::Ov6620).unwrap();
         let mut link = driver(Configuration::default(), scene);
         link.pass(wait * SECOND);
