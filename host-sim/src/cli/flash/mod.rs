@@ -393,11 +393,14 @@ impl Arguments {
         beside: &Beside,
     ) -> Vec<Cmd<'a>> {
         let probe = &self.probe_options();
+        // What is erased with the page and not written would be lost: a part of the image, or the page with an image.
+        let shares = !{ self.board.regions.config.start }.is_multiple_of(self.board.chip.page);
+        let keep = shares.then_some("--restore-unwritten");
         let bytes = |path: &Path, address: u32| {
             let address = format!("{address:#010x}");
             cmd!(
                 sh,
-                "probe-rs download {probe...} --verify --binary-format bin --base-address {address} {path}"
+                "probe-rs download {probe...} {keep...} --verify --binary-format bin --base-address {address} {path}"
             )
         };
         let selector = self.probe.as_deref();
@@ -408,7 +411,7 @@ impl Arguments {
         );
         commands.push(cmd!(
             sh,
-            "probe-rs download {probe...} --verify --binary-format elf {image}"
+            "probe-rs download {probe...} {keep...} --verify --binary-format elf {image}"
         ));
         commands.extend(page.map(|page| bytes(page, self.board.config())));
         let (memory, _) = self.board.memory();
