@@ -21,7 +21,8 @@ pub enum Projection {
 }
 
 /// Radial distortion of a lens: a direction `q` off the axis (its tangent with a pin-hole, its angle with equal angles)
-/// is seen `q (1 + k1 q^2 + k2 q^4)` focal lengths from the principal point. `OpenCV` measures the same k1 and k2 of a pin-hole.
+/// is seen `q (1 + k1 q^2 + k2 q^4)` focal lengths from the principal point. `OpenCV` measures the same k1 and k2 of a
+/// pin-hole.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -355,7 +356,7 @@ impl<T: Real> Camera<T> {
         if !(q > T::zero()) {
             return T::one();
         }
-        // Growth of the picture along the radius over that across it, squared.
+        // Growth of the picture along the radius over that across it: of the projection, then of the lens.
         let across = match self.projection {
             Projection::PinHole => (T::one() + q * q).sqrt(),
             Projection::EqualAngle => q.sine_cosine().0 / q,

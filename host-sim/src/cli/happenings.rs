@@ -8,14 +8,14 @@ use std::{
     time::Duration,
 };
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 use results::record::{
     RunRecord,
     event::{Event, Looker, What},
 };
 
-use super::{OfFile, and, files::Files, late::Late, values};
+use super::{OfFile, and, errors::file_in_the_way, files::Files, late::Late, values};
 
 /// Files to write.
 #[derive(Args)]
@@ -54,6 +54,9 @@ impl Happenings {
     /// Makes the folder, if one is wanted.
     pub(super) fn new(options: &HappeningsOptions) -> anyhow::Result<Self> {
         if let Some(folder) = &options.tracked {
+            if let Some(file) = file_in_the_way(folder) {
+                bail!("{}: {file}", OfFile::unmade(folder));
+            }
             fs::create_dir_all(folder).with_context(|| OfFile::unmade(folder))?;
         }
         Ok(Self {

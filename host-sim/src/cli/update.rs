@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
         .reads([&arguments.image, &arguments.key])
         .check()?;
     let secret = key_file::read_update_key(&arguments.key);
-    let secret = secret.with_context(|| file_name(&arguments.key))?;
+    let secret = secret.with_context(|| OfFile::named(&arguments.key))?;
     let image = read_image(&arguments.image)?;
     let package = Package::sign(&image, &secret);
     let package =

@@ -137,6 +137,9 @@ fn what_is_no_stream_is_refused_and_a_cut_line_left_out() {
         .collect();
     let cut = event::read(&text.as_bytes()[..text.len() - 10]).unwrap();
     assert_eq!(cut.len(), events.len() - 1);
+    let damaged = text.replacen('\n', "\n}", 1);
+    let refused = event::read(damaged.as_bytes()).unwrap_err().to_string();
+    assert_eq!(refused, "line 2 is no event: it is no JSON");
     assert!(event::read(&b"{\"seconds\":1,\"event\":\"stop_ends\",\"target\":1}\n"[..]).is_err());
     let newer = text.replacen("\"events\":1", "\"events\":2", 1);
     let refused = event::read(newer.as_bytes()).unwrap_err().to_string();

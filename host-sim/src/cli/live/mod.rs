@@ -232,6 +232,12 @@ impl SourceOptions {
                     "{source} is the record of a run: `host-sim report run {source}` shows it"
                 );
                 let events = events.with_context(|| format!("{source} cannot be used"))?;
+                let is_whole = |event: &Event| matches!(event.what, What::End { .. });
+                if !events.iter().any(is_whole) {
+                    tell(format_args!(
+                        "{source} has no end: what wrote it was stopped, or the file is cut off"
+                    ));
+                }
                 let (audience, commands) = begins(About {
                     name: source.clone(),
                     kind: "recorded",

@@ -384,7 +384,7 @@ fn files_that_are_something_else() {
         (&["report", "run", &words], "line 1 is no JSON"),
         (&["report", "run", &cut], "its JSON is cut off in line 1"),
         (&["solve-network", &cut], "its JSON is cut off in line 1"),
-        (&["live", &cut], "its JSON is cut off in line 1"),
+        (&["live", &cut], "line 1 is no event: it is cut off"),
         (
             &["live", &words],
             "is neither the file of a site, whose name ends in `.toml`, nor",

@@ -16,7 +16,7 @@ use node_firmware::{
     message::{Seen, Tracked, TrackedBlob},
 };
 use serde::{Deserialize, Serialize};
-use serde_json::{Number, Value};
+use serde_json::{Number, Value, error::Category};
 
 use super::{
     Network, Node, Radio, RunRecord, Stop, Target, Tracking,
@@ -539,14 +539,23 @@ pub enum StreamError {
     #[error("it cannot be read: {0}")]
     Io(#[from] io::Error),
     /// A line is no event.
-    #[error("line {0} is no event: {1}")]
-    Line(usize, #[source] serde_json::Error),
+    #[error("line {0} is no event: {}", in_words(.1))]
+    Line(usize, serde_json::Error),
     /// The first line is not that of a stream.
     #[error("it does not begin as a stream of events does")]
     NoBegin,
     /// A stream of another version.
     #[error("it has event format {0}, and only format {EVENT_FORMAT} can be read: make it again")]
     Format(u32),
+}
+
+/// An error in one line, without the number that the line has for its own parser.
+fn in_words(error: &serde_json::Error) -> String {
+    match error.classify() {
+        Category::Syntax => "it is no JSON".to_owned(),
+        Category::Eof => "it is cut off".to_owned(),
+        _ => error.to_string(),
+    }
 }
 
 /// Writes all floating-point numbers of a value in the shortest form.
