@@ -539,7 +539,7 @@ pub enum StreamError {
     #[error("it cannot be read: {0}")]
     Io(#[from] io::Error),
     /// A line is no event.
-    #[error("line {0} is no event: {}", in_words(.1))]
+    #[error("line {0} is no event: {words}", words = in_words(.1))]
     Line(usize, serde_json::Error),
     /// The first line is not that of a stream.
     #[error("it does not begin as a stream of events does")]
