@@ -36,6 +36,9 @@ pub struct Distortion<T> {
 /// A picture that grows less than this with the direction is that of a lens's rim, or folded back.
 const LEAST_SLOPE: f64 = 0.05;
 
+/// Directions from the axis to a corner at which the picture has to grow.
+const SAMPLES: u32 = 16;
+
 /// Height of a picture over its width: a CMUcam2's, the highest one known here.
 const HEIGHT: f64 = 0.82;
 
@@ -206,11 +209,20 @@ impl<T: Real> Camera<T> {
     pub fn with_distortion(mut self, distortion: Distortion<T>) -> Result<Self, CameraError> {
         if !distortion.is_none() {
             let centre = self.last_column * lit(0.5);
-            self.focal_length = centre / distortion.radius(centre / self.focal_length).0;
+            let border = centre / self.focal_length;
+            self.focal_length = centre / distortion.radius(border).0;
             self.distortion = distortion;
             let aside = (self.principal_point - centre).abs() + centre + T::one();
             let corner = Vector2::new(aside, centre * lit(HEIGHT)).norm() / self.focal_length;
-            if !(corner > T::zero() && distortion.direction(corner).is_some()) {
+            let corner = distortion
+                .direction(corner)
+                .ok_or(CameraError::Distortion)?;
+            let far = corner.max(border) / T::whole(SAMPLES);
+            let is_within = |n: u32| {
+                let (_, slope) = distortion.radius(far * T::whole(n));
+                Distortion::<T>::is_within_rim(slope)
+            };
+            if !(corner > T::zero() && (1..=SAMPLES).all(is_within)) {
                 return Err(CameraError::Distortion);
             }
         }
@@ -532,7 +544,15 @@ mod tests {
     #[test]
     fn a_lens_that_folds_back_is_refused() {
         let camera = Camera::pin_hole(88, 90_f64.to_radians()).unwrap();
-        for (k1, k2) in [(-0.5, 0.0), (0.0, -0.3), (f64::NAN, 0.0)] {
+        for (k1, k2) in [
+            (-0.5, 0.0),
+            (0.0, -0.3),
+            (f64::NAN, 0.0),
+            // The corners would be seen within the fold.
+            (-3.0, 0.0),
+            (-20.0, 0.0),
+            (-1.0, 0.3),
+        ] {
             let folded = camera.with_distortion(Distortion { k1, k2 });
             assert_eq!(folded, Err(CameraError::Distortion), "{k1} {k2}");
         }

@@ -34,6 +34,28 @@ impl<T: Real, V: Copy, const N: usize> Ranking<T, V, N> {
         }
     }
 
+    /// The same, where at most so many values that are alike have a place: many of one kind leave room for others.
+    pub(crate) fn offer_among(
+        &mut self,
+        cost: T,
+        value: V,
+        most: usize,
+        is_alike: impl Fn(&V) -> bool,
+    ) {
+        let is_alike =
+            |place: &Option<(T, V)>| place.as_ref().is_some_and(|(_, held)| is_alike(held));
+        if self.places.iter().filter(|place| is_alike(place)).count() >= most
+            && let Some(worst) = self.places.iter_mut().rfind(|place| is_alike(place))
+        {
+            if worst.as_ref().is_some_and(|(held, _)| !(cost < *held)) {
+                return;
+            }
+            // What is taken in moves the others into the gap, in order.
+            *worst = None;
+        }
+        self.offer(cost, value);
+    }
+
     /// The values, best first.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &V> {
         self.places.iter().flatten().map(|(_, value)| value)
@@ -59,5 +81,25 @@ mod tests {
         }
         assert!(ranking.iter().eq(&['a', 'b', 'c']));
         assert_eq!(ranking.limit(), Some(3.0));
+    }
+
+    /// At most two capital letters.
+    #[test]
+    fn many_of_one_kind_leave_room_for_others() {
+        let mut ranking = Ranking::<f64, char, 4>::new();
+        for (cost, value) in [
+            (3.0, 'C'),
+            (2.0, 'B'),
+            (4.0, 'D'),
+            (1.0, 'A'),
+            (2.5, 'E'),
+            (f64::NAN, 'F'),
+        ] {
+            ranking.offer_among(cost, value, 2, |held| held.is_uppercase());
+        }
+        for (cost, value) in [(9.0, 'z'), (1.5, 'b'), (8.0, 'y')] {
+            ranking.offer_among(cost, value, 2, |held| held.is_lowercase());
+        }
+        assert!(ranking.iter().eq(&['A', 'b', 'B', 'y']));
     }
 }

@@ -16,6 +16,7 @@ use super::{Stop, model::Bearings};
 use crate::{
     Ray, Real, Refusal, Sighting,
     numerics::{
+        angle,
         minimize::Problem,
         plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
         ranking::Ranking,
@@ -28,6 +29,12 @@ use crate::{
 /// Starts for least squares, by how well they fit all stops. Duplicates of one answer come from
 /// different pairs of stops.
 pub(super) type Proposals<T> = Ranking<T, Vector6<T>, 6>;
+
+/// Headings of two cameras that may be those of one answer, radians.
+const ALIKE: f64 = 0.15;
+/// Starts of one answer, at most: two places that are visited again and again give dozens, and the other answer counts
+/// as well.
+const OF_ONE: usize = 2;
 
 /// Trial headings for a frame whose heading is not known: every 15 degrees.
 const TRIAL_HEADINGS: u32 = 24;
@@ -72,7 +79,11 @@ impl<T: Real> Best<'_, T> {
     fn offer(&mut self, x: Vector6<T>) {
         let cost = self.problem.cost(x.as_slice(), x.as_slice());
         if cost.is_finite() {
-            self.proposals.offer(cost, x);
+            let is_alike = |held: &Vector6<T>| {
+                let near = |a: T, b: T| angle::wrap_signed(a - b).abs() < lit(ALIKE);
+                near(held.x, x.x) && near(held.y, x.y)
+            };
+            self.proposals.offer_among(cost, x, OF_ONE, is_alike);
         }
     }
 

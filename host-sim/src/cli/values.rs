@@ -83,7 +83,8 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
 
 /// Scatter of cameras around their places in a file, in the unit and in degrees.
 pub(super) fn scatter(text: &str) -> Result<ScatterTable, String> {
-    let (position, heading) = text.split_once(',').unwrap_or((text, "0"));
+    let none = (text == "0").then_some(("0", "0"));
+    let (position, heading) = text.split_once(',').or(none).unwrap_or((text, ""));
     match [position, heading].map(not_negative) {
         [Ok(position), Ok(heading_deg)] => Ok(ScatterTable {
             position,

@@ -238,13 +238,16 @@ fn camera(
     let aspect = f64::from(table.kind.rows_per_column());
     let lens = Lens::of_frame(projection, degrees.to_radians(), size, aspect)
         .ok_or_else(|| impossible("field_of_view_deg", degrees))?;
-    let folds = |key: &str, [k1, k2]: [f64; 2]| {
-        let allowed = "those of a lens that does not fold its own picture back: check their signs";
-        refuse(format!("{name}.{key}"), format!("[{k1}, {k2}]"), allowed)
+    // Both were checked with the file.
+    let folded = |key: &str| {
+        refuse(
+            format!("{name}.{key}"),
+            "[k1, k2]",
+            "no lens that folds its picture back",
+        )
     };
     let distortion = table.distortion();
-    let lens =
-        { lens.with_distortion(distortion) }.ok_or_else(|| folds("distortion", distortion))?;
+    let lens = { lens.with_distortion(distortion) }.ok_or_else(|| folded("distortion"))?;
     let believed = table.believed();
     let model_lens = (
         believed.projection,
@@ -259,10 +262,9 @@ fn camera(
             refuse(format!("{name}.model.principal_column"), column, allowed)
         })?,
     };
-    let distortion = table.model.distortion.unwrap_or(distortion);
-    let [k1, k2] = distortion;
-    let model = { model.with_distortion(Distortion { k1, k2 }) }
-        .map_err(|_| folds("model.distortion", distortion))?;
+    let [k1, k2] = table.model.distortion.unwrap_or(distortion);
+    let model =
+        { model.with_distortion(Distortion { k1, k2 }) }.map_err(|_| folded("model.distortion"))?;
     let camera = Camera {
         place,
         heading: heading_deg.to_radians(),

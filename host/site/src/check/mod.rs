@@ -4,10 +4,13 @@ mod events;
 
 use std::{collections::BTreeSet, fmt::Display, ops::RangeInclusive};
 
-use calib_core::camera::Projection;
-use cmucam2_emulator::FaultRates;
+use calib_core::camera::{CameraError, Projection};
+use cmucam2_emulator::{FaultRates, Lens};
 use nalgebra::Vector2;
-use node_firmware::limits::{COLOURS_MAX, MEMBERS};
+use node_firmware::{
+    limits::{COLOURS_MAX, MEMBERS},
+    vision::LensError,
+};
 
 use super::{
     FIRST_COORDINATOR,
@@ -131,6 +134,7 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
         0.0..=last,
         ": a column of the lens",
     )?;
+    folds(name, camera)?;
     if camera.variant == Variant::Stage && projection != Projection::EqualAngle {
         return Err(refuse(
             format!("{name}.projection"),
@@ -139,6 +143,33 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
         ));
     }
     fault_rates(name, &camera.faults).map(|_| ())
+}
+
+/// Refuses lenses of which the distortion would fold the picture back: the real one, or the one that nodes believe.
+fn folds(name: &str, camera: &CameraTable) -> Checked {
+    let refused = |key: &str, [k1, k2]: [f64; 2]| {
+        let allowed = "those of a lens that does not fold the corners of its picture back: check their signs, and that \
+                       they are those of this field of view";
+        Err(refuse(
+            format!("{name}.{key}"),
+            format!("[{k1}, {k2}]"),
+            allowed,
+        ))
+    };
+    let (own, model) = (camera.distortion(), camera.model.distortion);
+    let aspect = f64::from(camera.kind.rows_per_column());
+    let view = camera.field_of_view_deg().to_radians();
+    let lens = Lens::of_frame(camera.projection(), view, camera.size(), aspect);
+    if lens.is_some_and(|lens| lens.with_distortion(own).is_none()) {
+        return refused("distortion", own);
+    }
+    match (camera.believed().camera(), model) {
+        (Err(LensError::Camera(CameraError::Distortion)), Some(told)) => {
+            refused("model.distortion", told)
+        }
+        (Err(LensError::Camera(CameraError::Distortion)), None) => refused("distortion", own),
+        _ => Ok(()),
+    }
 }
 
 fn view(field: &str, degrees: f64, projection: Projection) -> Checked {

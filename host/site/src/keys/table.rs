@@ -206,7 +206,7 @@ const REHEARSAL: &[Key] = &[
     key("event[].at_s", SECONDS, Needed, Rehearsal, "When, since the start."),
     key("event[].action", Table, Needed, Rehearsal, "What: one of those that follow."),
 
-    key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
+    key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all. The last network has two at least, so that one more is made where one would be left."),
     key("grid.cell_nodes", Whole(2.0, 98.0, ": a network has 100 members at most, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
     key("grid.cell_size", Number(SMALL, 1e4, ": three times the cameras' range or more"), Is("24"), Rehearsal, "Side of a cell."),
     key("grid.one_frame", Flag, Is("false"), Rehearsal, "Only the first cell has references and a target, which walks through all of them."),

@@ -376,6 +376,27 @@ fn what_is_wrong_is_named() {
             ["`camera.field_of_view_deg` is 180", "1 to 170"],
         ),
         (
+            small("[camera]\ndistortion = [-2.0, 0.0]", TARGET),
+            [
+                "`camera.distortion` is [-2, 0]",
+                "does not fold the corners",
+            ],
+        ),
+        (
+            small("[camera]\ndistortion = [-0.9, 0.0]", TARGET),
+            [
+                "`camera.distortion` is [-0.9, 0]",
+                "does not fold the corners",
+            ],
+        ),
+        (
+            small("[camera.model]\ndistortion = [-2.0, 0.0]", TARGET),
+            [
+                "`camera.model.distortion` is [-2, 0]",
+                "does not fold the corners",
+            ],
+        ),
+        (
             small("[camera]\nbaud = 1", TARGET),
             ["camera.baud", "38400"],
         ),
