@@ -129,9 +129,8 @@ fn two_places_visited_again_and_again() {
         let answers = [Some(outcome.best), outcome.alternative];
         lost += u64::from(!answers.iter().flatten().any(is_near));
     }
-    println!("{ambiguous} ambiguous, {lost} lost");
     assert!(
-        ambiguous > 100 && lost == 0,
+        ambiguous > 180 && lost * 50 <= SCENES,
         "{ambiguous} ambiguous, {lost} lost"
     );
 }
