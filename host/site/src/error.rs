@@ -17,11 +17,16 @@ fn on(line: Option<usize>) -> String {
 /// Words of the parser about text without quotes, which mean nothing to most people.
 const UNQUOTED: [&str; 2] = ["invalid boolean", "string values must be quoted"];
 
-/// An error of the parser, with what to do about text without quotes, and about a key that is needed beside others.
+/// An error of the parser, with what to do about text without quotes, about a key that is needed beside others, and about a
+/// table of one key.
 fn in_plain_words(error: &toml::de::Error) -> String {
     let (whole, message) = (error.to_string(), error.message());
     if UNQUOTED.iter().any(|words| message.starts_with(words)) {
         let words = "only a number, `true` and `false` stand without quotes: put text into quotes";
+        return whole.replace(message, words);
+    }
+    if message.starts_with("wanted exactly 1 element") {
+        let words = "exactly one key is needed in this table, docs/site.md names them: give each a table of its own";
         return whole.replace(message, words);
     }
     match message.strip_prefix("missing field ") {

@@ -78,7 +78,7 @@ parameters! {
         first_column: u8 => first_column, Whole(0.0, 1.0, ""), Camera("first-column"), "Camera: number of the first column in its packets.";
         round: bool => round, Flag, Camera("round"), "Camera: targets are balls, so a blob that is narrower than tall is partly hidden.";
         may_be_elected: bool, Flag, Is("true"), "Camera: may become a reference where these are `elected`.";
-        motion: bool, Flag, Is("false"), "Camera: looks for what differs from the background instead of for a colour.";
+        motion: bool, Flag, Is("false"), "Camera: looks for what differs from the background instead of for a colour. It learns the background while no target is in view, and sees targets that are brighter.";
         motion_threshold: u8, Whole(1.0, 224.0, " levels"), Is("12"), "Camera: by how much it must differ; 5 to 20 is usual.";
         colour_tolerance: u8, Whole(1.0, 120.0, " levels"), Is("45"), "Camera: how far from a target's colour a pixel may be.";
     }

@@ -28,7 +28,7 @@ pub fn answer(record: &RunRecord, verdict: &Verdict) -> String {
     let shown = record.for_people();
     let record = shown.as_ref();
     let title = format!("{}\n{}", record.title(), verdict.brief());
-    join(&[title, poses_at_a_glance(record)])
+    join(&[title, poses_at_a_glance(record), tracking(record)])
 }
 
 /// Everything else: the whole verdict, true poses, statistics, traffic, times.
@@ -43,7 +43,6 @@ pub fn details(record: &RunRecord, verdict: &Verdict) -> String {
             .radio
             .as_ref()
             .map_or_else(String::new, |radio| traffic(record, radio)),
-        tracking(record),
         times(record),
         verdict.to_string(),
     ];

@@ -397,6 +397,10 @@ fn what_is_wrong_is_named() {
             ],
         ),
         (
+            small("[[event]]\nat_s = 1.0\naction = {}", TARGET),
+            ["line 4", "exactly one key is needed in this table"],
+        ),
+        (
             small("[camera]\nbaud = 1", TARGET),
             ["camera.baud", "38400"],
         ),
