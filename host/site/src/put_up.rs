@@ -321,6 +321,23 @@ fn number_in_file(scenario: &Scenario, obstacle: usize) -> usize {
     number.count() + 1
 }
 
+/// Columns of the smallest tag that an OpenMV Cam reads, and one for its rounding.
+const LEAST_TAG: f64 = 11.0;
+
+/// Distance up to which the tag of the smallest target is read.
+fn farthest_tag(scenario: &Scenario, lens: &Lens) -> f64 {
+    let targets = scenario
+        .networks
+        .iter()
+        .flat_map(|network| &network.targets);
+    let radius = targets
+        .map(|target| target.radius)
+        .fold(f64::INFINITY, f64::min);
+    let middle = (lens.columns() - 1.0) / 2.0;
+    let column = lens.bearing(middle - 0.5) - lens.bearing(middle + 0.5);
+    2.0 * radius / (LEAST_TAG * column)
+}
+
 /// Puts a checked scenario up, but for the stops of its targets.
 pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let tables = scenario.world.obstacles.iter();
@@ -334,7 +351,10 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
         for (c, placed) in (1..).zip(&table.cameras) {
             let name = format!("network {n}.camera {c}");
             let of_all = scenario.camera.for_camera(placed);
-            let (camera, mut node) = camera(&name, &of_all, placed, ball_height)?;
+            let (mut camera, mut node) = camera(&name, &of_all, placed, ball_height)?;
+            if node.kind == CameraKind::OpenMvTags {
+                camera.range = camera.range.min(farthest_tag(scenario, &camera.lens));
+            }
             if let Some(o) = obstacles.iter().position(|o| o.contains(camera.place)) {
                 let allowed = format!("outside of obstacle {}", number_in_file(scenario, o));
                 let found = format!("({}, {})", camera.place.x, camera.place.y);
