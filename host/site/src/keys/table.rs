@@ -148,7 +148,7 @@ const SITE: &[Key] = &[
     key("camera.field_of_view_sigma", Number(0.0, 0.5, " of the focal length"), Target("lens-sigma.focal"), Nodes, "Standard deviation of what is said of the lens: 0.02 by the sheet of that very lens. 0 promises that it is exact."),
     key("camera.principal_sigma", Number(0.0, 50.0, " columns"), Is("2"), Nodes, "Standard deviation of the column of the optical axis. 0 promises that it is exact."),
     key("camera.tilt_sigma_deg", Number(0.0, 20.0, " degrees"), Target("lens-sigma.tilt-deg"), Nodes, "Standard deviation of the pitch and roll of a camera that is put up level, and of the roll of any other. Rows tell a camera whose pitch is farther off: its pitch, roll and height are then found from them. 0 promises that all are exactly level; then nothing tests it."),
-    key("camera.range", LENGTH, Is("8"), Rehearsal, "How far cameras see."),
+    key("camera.range", LENGTH, Is("8"), Rehearsal, "How far cameras see. `openmv-tags` see no farther than a tag as wide as the smallest target has 11 columns."),
     key("camera.variant", Choice(&["cmucam2", "stage"]), Is("cmucam2"), Rehearsal, "How pictures come about: rendered and counted, or by a scan of equal angles as in Stage."),
     key("camera.noise", Number(0.0, 100.0, " levels"), Is("2"), Rehearsal, "Noise of a pixel, standard deviation."),
     key("camera.flicker", Number(0.0, 1.0, " of the light"), Is("0.01"), Rehearsal, "Change of the light from frame to frame."),
