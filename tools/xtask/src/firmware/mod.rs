@@ -116,12 +116,12 @@ const ROLES: [Role; 3] = [
     },
     Role {
         name: "coordinator",
-        flash: 132 << 10,
+        flash: 133 << 10,
         ram: 53 << 10,
     },
     Role {
         name: "target",
-        flash: 206 << 10,
+        flash: 208 << 10,
         ram: 152 << 10,
     },
 ];
