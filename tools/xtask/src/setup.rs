@@ -207,7 +207,17 @@ fn install(sh: &Shell, programs: &[(&str, &'static str)]) -> Result<()> {
     };
     let env = ["env", "DEBIAN_FRONTEND=noninteractive"];
     let words = |tail: &[&'static str]| [before, &env, tail].concat();
-    let install = words(&["apt-get", "install", "-y", "--no-install-recommends"]);
+    // An update in the background may hold the lock: two minutes are enough for it to end.
+    let wait = "DPkg::Lock::Timeout=120";
+    let install = [
+        "apt-get",
+        "-o",
+        wait,
+        "install",
+        "-y",
+        "--no-install-recommends",
+    ];
+    let install = words(&install);
     let update = words(&["apt-get", "update"]);
     let (update, update_rest) = update.split_first().context("a command")?;
     let (install, install_rest) = install.split_first().context("a command")?;

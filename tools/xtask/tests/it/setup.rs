@@ -100,7 +100,7 @@ fn packages_are_installed_where_that_is_allowed() {
     note(&place, "apt-get");
     place.install("env", r#"shift; exec "$@""#);
     place.install("cmake", "");
-    let install = "apt-get install -y --no-install-recommends";
+    let install = "apt-get -o DPkg::Lock::Timeout=120 install -y --no-install-recommends";
     let missing = PACKAGES.replace("cmake ", "");
     let expected = ["apt-get update".to_owned(), format!("{install} {missing}")];
     // The program that then runs is not there.
