@@ -171,6 +171,12 @@ impl<T: Real> Upright<T> {
         self.left.atan2(self.ahead)
     }
 
+    /// Direction above the horizon, radians.
+    pub fn elevation(&self) -> T {
+        let along = (self.ahead * self.ahead + self.left * self.left).sqrt();
+        self.up.atan2(along)
+    }
+
     /// Change of the azimuth where the direction changes by this.
     pub(crate) fn turn(&self, change: &Self) -> T {
         let length2 = self.ahead * self.ahead + self.left * self.left;

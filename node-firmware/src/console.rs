@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use crate::{
     config::SiteKey,
     message::{
-        CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
-        SitePlace, StopNumber, TargetLocation, Tracked, UpdatePacket,
+        CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, References,
+        Report, SitePlace, StopNumber, TargetLocation, Tracked, UpdatePacket,
     },
 };
 
@@ -120,6 +120,9 @@ pub enum ToPc {
     },
     /// A packet of an update was sent, or could not be. Told once of each.
     UpdateSent,
+    /// The reference cameras, elected or configured; `None`: there are none any more. Told when they change, and with all else
+    /// where there are some.
+    References(Option<References>),
 }
 
 /// Place of an object.

@@ -1,5 +1,6 @@
 //! Lenses, centres, mountings and a baseline that are not as they are told: no camera may be called calibrated and be more than
-//! five sigmas off. `XTASK_ALL=1` draws 200 walks for each row instead of 8.
+//! five sigmas off. `XTASK_ALL=1` draws 200 walks for each row instead of 8, and `ROWS=Lens` looks at rows with this name
+//! alone.
 
 use std::fmt;
 
@@ -237,6 +238,7 @@ fn count(wrong: Wrong, stops: usize) -> Counts {
 #[test]
 fn what_is_told_wrongly_deceives_no_camera() {
     let mut failures = Vec::new();
+    let only = std::env::var("ROWS").unwrap_or_default();
     for stops in [3, 6, 10] {
         for wrong in [
             Wrong::Nothing,
@@ -255,8 +257,7 @@ fn what_is_told_wrongly_deceives_no_camera() {
             Wrong::Distorted(0.0, -0.2, false),
             Wrong::Distorted(30.0, -0.2, false),
         ] {
-            if stops == 3 && wrong == Wrong::UpsideDown(4) {
-                // Three mirrored bearings fit some pose, and rows at the height of the ball tell nothing.
+            if !wrong.to_string().contains(&only) {
                 continue;
             }
             let counts = count(wrong, stops);

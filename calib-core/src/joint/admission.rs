@@ -5,7 +5,7 @@
 //! [`solve_rejecting`]). One with exactly three agrees with anything and tells the others nothing,
 //! so it is solved last, when they are settled.
 
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Point2};
 
 use super::descent::WITNESSED;
 use super::problem::{NONE, Problem, REFERENCES, Sight, Standing};
@@ -17,6 +17,10 @@ use crate::{
 
 /// Bearings of a camera that an admission looks at: triples are drawn from no more.
 const MOST: usize = 16;
+/// Chi squared by which one pose fits better than another one: one in 400 of the right ones by chance.
+const AS_GOOD: f64 = 9.0;
+/// Chi squared over degrees of freedom is not less than this but by chance.
+const LEAST_NOISE: f64 = 0.3;
 /// Bearings off the consensus by more sigmas do not belong to it.
 const GATE: f64 = 4.0;
 /// A pose that rests on the camera's bearings alone may be so many times less certain than the limits allow:
@@ -157,20 +161,7 @@ impl<T: Real> Problem<'_, T> {
     /// excluded.
     #[inline(never)] // for less stack
     fn resect(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
-        let nothing = Sighting::new(
-            nalgebra::Point2::origin(),
-            Ray::from_bearing(T::zero()),
-            T::one(),
-        );
-        let mut sightings = [nothing; MOST];
-        let all = self.counting(camera);
-        let mut used = 0;
-        let sights = self.of(camera).enumerate();
-        let spread = sights.filter(|(n, _)| all <= MOST || n * MOST / all != (n + 1) * MOST / all);
-        for (sighting, (_, sight)) in sightings.iter_mut().zip(spread) {
-            *sighting = self.sighting(sight).ok_or(Refusal::TooFew)?;
-            used += 1;
-        }
+        let (sightings, used) = self.seen(camera, |sight| self.sighting(sight))?;
         let sightings = sightings.get(..used).unwrap_or_default();
         if used <= 3 {
             return Ok(solve(sightings)?.pose);
@@ -180,6 +171,63 @@ impl<T: Real> Problem<'_, T> {
         let pose = solve_rejecting(sightings, lit(GATE), dropped)?.pose;
         self.exclude_off(camera, &pose);
         Ok(pose)
+    }
+
+    /// Sightings of a camera, and their number: of many as many as there is room for, spread over all.
+    #[inline(never)] // for less flash
+    fn seen(
+        &self,
+        camera: usize,
+        sighting: impl Fn(&Sight<T>) -> Option<Sighting<T>>,
+    ) -> Result<([Sighting<T>; MOST], usize), Refusal> {
+        let nothing = Sighting::new(Point2::origin(), Ray::from_bearing(T::zero()), T::one());
+        let mut sightings = [nothing; MOST];
+        let all = self.counting(camera);
+        let mut used = 0;
+        let sights = self.of(camera).enumerate();
+        let spread = sights.filter(|(n, _)| all <= MOST || n * MOST / all != (n + 1) * MOST / all);
+        for (to, (_, sight)) in sightings.iter_mut().zip(spread) {
+            *to = sighting(sight).ok_or(Refusal::TooFew)?;
+            used += 1;
+        }
+        Ok((sightings, used))
+    }
+
+    /// Position that the bearings of a level camera fit, left and right exchanged, as well as they fit any as they are. Stops
+    /// nearly on a line leave that open: a camera on their other side that hangs upside down would see them so. Three
+    /// bearings fit such a pose in any case, and tell nothing.
+    #[inline(never)] // for less stack
+    pub(super) fn mirrored(&self, camera: usize) -> Option<Point2<T>> {
+        let of = self.cameras.get(camera)?;
+        let (mut sightings, used) = { of.mounting.is_level() }
+            .then(|| self.seen(camera, |sight| self.own_sighting(sight)).ok())??;
+        let sightings = sightings.get_mut(..used)?;
+        let beyond = used.checked_sub(3).filter(|beyond| *beyond > 0)?;
+        let upright = solve(sightings);
+        for Sighting { ray, .. } in sightings.iter_mut() {
+            ray.left = -ray.left;
+        }
+        let mirrored = solve(sightings).ok()?;
+        let is_as_good = match upright {
+            Ok(upright) => {
+                // Sigmas may be too large. Then a worse pose is told by less.
+                let noise = upright.chi_squared / T::whole(beyond as u32);
+                let noise = noise.max(lit(LEAST_NOISE)).min(T::one());
+                mirrored.chi_squared < upright.chi_squared + noise * lit(AS_GOOD)
+            }
+            Err(_) => true,
+        };
+        is_as_good.then_some(mirrored.pose.position)
+    }
+
+    /// A bearing at the estimated place of its stop.
+    fn own_sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
+        let stop = self.stops.get(usize::from(sight.stop))?;
+        let (bearing, sigma) = self.bearing_at(sight);
+        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
+        let standing = self.common.standing;
+        sighting.target_covariance = Matrix2::from_diagonal_element(standing * standing);
+        Some(sighting)
     }
 
     /// A bearing as the camera would solve it on its own: places are as uncertain, against each

@@ -350,7 +350,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// Camera `camera` was `range` away from the target at a stop, for example by the size that the
     /// target has in its picture, with its standard deviation. It takes the room of a bearing. A range
     /// does not make a camera take part, which takes three bearings; to one that does, bearing and
-    /// range together tell a place.
+    /// range together tell a place. The range is that from the eye to the target; the row of the bearing at that stop
+    /// ([`add_elevation`](Self::add_elevation)) tells the distance along the floor.
     ///
     /// # Errors
     /// [`JointError::Unknown`], [`JointError::Full`]; [`JointError::NotFinite`], also for a range that
@@ -600,6 +601,18 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// [`Refusal::Undetermined`].
     pub fn place(&mut self, stop: usize) -> Result<StopPlace<T>, Refusal> {
         self.solved()?.place(stop)
+    }
+
+    /// Position of a stop as last estimated. `None` for a stop there is not.
+    pub fn position(&self, stop: usize) -> Option<Point2<T>> {
+        self.stops.all().get(stop).map(|stop| stop.place)
+    }
+
+    /// Position of a camera that hangs upside down and would have the same bearings, from four on: they fit it as well as
+    /// the [pose](Self::pose) that is estimated. So it is where all stops are nearly on a line. `None` where the bearings
+    /// tell that the camera is upright, and of a camera that is not level: its rows tell.
+    pub fn mirrored(&mut self, camera: usize) -> Option<Point2<T>> {
+        self.solved().ok()?.mirrored(camera)
     }
 
     /// Systematic errors of the carrier. Nothing tells his scale but its prior where the baseline is not known.

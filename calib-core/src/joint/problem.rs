@@ -596,6 +596,23 @@ impl<T: Real> Problem<'_, T> {
         Some(mounting.by_elevation(sight.value, elevation))
     }
 
+    /// Distance to the target along the floor, as a share of the distance itself, by the row in which the camera saw it at
+    /// the stop of a range. `None` of a camera that is not level and did not tell the row.
+    #[inline(never)] // for less flash
+    pub(super) fn along_floor(&self, range: &Sight<T>) -> Option<T> {
+        let camera = usize::from(range.camera);
+        let mounting = self.cameras.get(camera)?.mounting;
+        let mut own = self.own(camera).map(|(_, sight)| sight);
+        let seen = own.find(|sight| sight.stop == range.stop && sight.is_bearing());
+        match seen.and_then(|seen| Some((seen.value, seen.elevation.radians::<T>()?))) {
+            Some((bearing, elevation)) => {
+                let up = mounting.seen(bearing, elevation).up;
+                Some((T::one() - up * up).sqrt())
+            }
+            None => mounting.is_level().then(T::one),
+        }
+    }
+
     /// The last rows of a camera that count, and their number.
     #[inline(never)] // for less stack
     pub(super) fn rows(&self, camera: usize) -> ([Row<T>; ROWS], usize) {
@@ -665,11 +682,13 @@ impl<T: Real> Problem<'_, T> {
             if !self.common.is_baseline_known {
                 return None;
             }
+            let share = self.along_floor(sight)?;
+            let (told, sigma) = (sight.value * share, sigma * share);
             let weight = (sigma * sigma + standing * standing).sqrt().recip();
             let range = range2.sqrt();
             let by_place = to_target * (weight / range);
             return Some(SightRow {
-                residual: (range - sight.value) * weight,
+                residual: (range - told) * weight,
                 by_place,
                 by_camera: [-by_place.x, -by_place.y, T::zero(), T::zero(), T::zero()],
             });

@@ -352,7 +352,8 @@ impl<T: Real> Problem<'_, T> {
             }
             let pose = self.camera(camera)?;
             let (bearing, _) = self.seen_by(stop, camera)?;
-            Some(pose.xy() + plane::unit(pose.z + bearing) * range.value)
+            let range = range.value * self.along_floor(range)?;
+            Some(pose.xy() + plane::unit(pose.z + bearing) * range)
         };
         if let Some(place) = self.sights.iter().find_map(by_range) {
             self.put(stop, place.into());

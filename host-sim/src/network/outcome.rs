@@ -357,8 +357,8 @@ fn references(network: &Network, console: &Console) -> [usize; 2] {
     let has = |duty: Duty| {
         network.cameras.iter().position(|camera| {
             let view = console.view();
-            let report = view.member(camera.id).and_then(|member| member.report);
-            report.is_some_and(|report| report.duty == Some(duty))
+            let member = view.member(camera.id);
+            member.is_some_and(|member| member.duty() == Some(duty))
         })
     };
     match (has(Duty::First), has(Duty::Second)) {

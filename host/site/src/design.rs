@@ -509,7 +509,8 @@ impl Prospect {
         let obstacles = world.obstacles().to_vec();
         let mut alone = World::new(vec![like], obstacles, Vec::new());
         let places = Grid::new(self.bounds, PLACES).places();
-        let inside = |place: &Point2<f64>| !world.obstacles().iter().any(|o| o.contains(*place));
+        let inside =
+            |place: &Point2<f64>| !world.obstacles().iter().any(|o| o.shape.contains(*place));
         let places: Vec<_> = places.filter(inside).collect();
         let certain = Matrix3::zeros();
         let mut found = Vec::new();

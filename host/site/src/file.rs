@@ -148,25 +148,66 @@ impl Default for WorldTable {
     }
 }
 
-/// An obstacle: `wall = [[x, y], [x, y], ...]`, `pillar = { x, y, radius }` or
+/// An obstacle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "WrittenObstacle")]
+pub struct ObstacleTable {
+    /// Its outline.
+    #[serde(flatten)]
+    pub outline: OutlineTable,
+    /// Height of its top above the floor; up to the ceiling without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<f64>,
+}
+
+/// An obstacle as a file has it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WrittenObstacle {
+    wall: Option<Vec<[f64; 2]>>,
+    pillar: Option<PillarTable>,
+    block: Option<Vec<[f64; 2]>>,
+    height: Option<f64>,
+}
+
+impl TryFrom<WrittenObstacle> for ObstacleTable {
+    type Error = &'static str;
+
+    fn try_from(written: WrittenObstacle) -> Result<Self, Self::Error> {
+        let outline = match (written.wall, written.pillar, written.block) {
+            (Some(corners), None, None) => OutlineTable::Wall(corners),
+            (None, Some(pillar), None) => OutlineTable::Pillar(pillar),
+            (None, None, Some(corners)) => OutlineTable::Block(corners),
+            _ => return Err("an obstacle is one `wall`, one `pillar` or one `block`"),
+        };
+        let height = written.height;
+        Ok(Self { outline, height })
+    }
+}
+
+/// The outline of an obstacle: `wall = [[x, y], [x, y], ...]`, `pillar = { x, y, radius }` or
 /// `block = [[x, y], ...]` of three corners or more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub enum ObstacleTable {
+pub enum OutlineTable {
     /// A thin wall, with two corners or more.
     Wall(Vec<[f64; 2]>),
     /// A disc.
-    #[serde(rename_all = "kebab-case")]
-    Pillar {
-        /// Its middle.
-        x: f64,
-        /// Its middle.
-        y: f64,
-        /// Its radius.
-        radius: f64,
-    },
+    Pillar(PillarTable),
     /// A polygon.
     Block(Vec<[f64; 2]>),
+}
+
+/// A disc.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PillarTable {
+    /// Its middle.
+    pub x: f64,
+    /// Its middle.
+    pub y: f64,
+    /// Its radius.
+    pub radius: f64,
 }
 
 /// The image sensor of the camera board.

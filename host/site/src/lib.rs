@@ -69,8 +69,8 @@ pub use event::{Action, Forgery, ScriptedEvent};
 use file::Source;
 pub use file::{
     CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObjectTable, ObstacleTable,
-    PlacedCamera, RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable,
-    TargetTable, WalkTable, WorldTable,
+    OutlineTable, PillarTable, PlacedCamera, RadioTable, ReferencesTable, ScatterTable, Scenario,
+    SensorName, SensorTable, TargetTable, WalkTable, WorldTable,
 };
 pub use firmware::FirmwareTable;
 pub use meant::nearest;

@@ -15,10 +15,14 @@ use node_firmware::{
 use super::{
     check::{fault_rates, refuse},
     error::ScenarioError,
-    file::{CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, TargetTable},
+    file::{
+        CameraTable, NetworkTable, OutlineTable, PillarTable, PlacedCamera, Scenario, TargetTable,
+    },
     planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Told, Tolerance},
 };
-use crate::world::{Camera, Gait, Mount, Obstacle, SensorErrors, Target, Variant, World};
+use crate::world::{
+    Camera, Gait, Mount, Obstacle, ObstacleShape, SensorErrors, Target, Variant, World,
+};
 use cmucam2_emulator::{FaultRates, Lens, Rgb, Sensor};
 
 /// All of a scenario, with planned stops.
@@ -291,23 +295,40 @@ fn camera(
 }
 
 /// Parts of an obstacle of a file: a wall is a segment between each two of its corners.
-pub fn obstacles(table: &ObstacleTable) -> Vec<Obstacle> {
+fn outlines(table: &OutlineTable) -> Vec<ObstacleShape> {
     let one = match table {
-        ObstacleTable::Wall(corners) => {
+        OutlineTable::Wall(corners) => {
             let segments = corners.windows(2);
             let segment =
-                |ends: &[[f64; 2]]| Obstacle::Segment([ends[0], ends[1]].map(Point2::from));
+                |ends: &[[f64; 2]]| ObstacleShape::Segment([ends[0], ends[1]].map(Point2::from));
             return segments.map(segment).collect();
         }
-        &ObstacleTable::Pillar { x, y, radius } => Obstacle::Disc {
+        &OutlineTable::Pillar(PillarTable { x, y, radius }) => ObstacleShape::Disc {
             centre: Point2::new(x, y),
             radius,
         },
-        ObstacleTable::Block(corners) => {
-            Obstacle::Polygon(corners.iter().copied().map(Point2::from).collect())
+        OutlineTable::Block(corners) => {
+            ObstacleShape::Polygon(corners.iter().copied().map(Point2::from).collect())
         }
     };
     vec![one]
+}
+
+/// All obstacles of a file, with their tops above the middle of the balls: above the lowest ones, where networks have balls
+/// at different heights.
+pub fn obstacles(scenario: &Scenario) -> Vec<Obstacle> {
+    let balls = scenario.networks.iter();
+    let lowest = balls
+        .map(|network| ball_height(scenario, network))
+        .fold(f64::INFINITY, f64::min);
+    let tables = scenario.world.obstacles.iter();
+    tables
+        .flat_map(|table| {
+            let top = table.height.map_or(f64::INFINITY, |height| height - lowest);
+            let shapes = outlines(&table.outline).into_iter();
+            shapes.map(move |shape| Obstacle { shape, top })
+        })
+        .collect()
 }
 
 /// The number in the file, from 1, of the table that an obstacle of the world is of.
@@ -315,7 +336,7 @@ fn number_in_file(scenario: &Scenario, obstacle: usize) -> usize {
     let mut before = 0;
     let tables = scenario.world.obstacles.iter();
     let number = tables.take_while(|table| {
-        before += obstacles(table).len();
+        before += outlines(&table.outline).len();
         before <= obstacle
     });
     number.count() + 1
@@ -340,8 +361,7 @@ fn farthest_tag(scenario: &Scenario, lens: &Lens) -> f64 {
 
 /// Puts a checked scenario up, but for the stops of its targets.
 pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
-    let tables = scenario.world.obstacles.iter();
-    let obstacles: Vec<_> = tables.flat_map(obstacles).collect();
+    let obstacles = obstacles(scenario);
     let mut cameras = Vec::new();
     let mut targets = Vec::new();
     let mut networks = Vec::new();
@@ -355,7 +375,10 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
             if node.kind == CameraKind::OpenMvTags {
                 camera.range = camera.range.min(farthest_tag(scenario, &camera.lens));
             }
-            if let Some(o) = obstacles.iter().position(|o| o.contains(camera.place)) {
+            if let Some(o) = obstacles
+                .iter()
+                .position(|o| o.shape.contains(camera.place))
+            {
                 let allowed = format!("outside of obstacle {}", number_in_file(scenario, o));
                 let found = format!("({}, {})", camera.place.x, camera.place.y);
                 return Err(refuse(format!("{name} (x, y)"), found, allowed));

@@ -66,8 +66,7 @@ impl Scenario {
             return Ok(site);
         }
         site.scattered_by = Some(self.seed);
-        let solid = self.world.obstacles.iter().flat_map(obstacles).collect();
-        let solid = World::new(Vec::new(), solid, Vec::new());
+        let solid = World::new(Vec::new(), obstacles(self), Vec::new());
         let [low, high] = [self.world.low, self.world.high].map(Point2::from);
         for camera in site.networks.iter_mut().flat_map(|n| &mut n.cameras) {
             // By their numbers, so that one camera more moves no other.

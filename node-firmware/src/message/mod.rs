@@ -300,7 +300,7 @@ const HALF_WIDTH_UNIT: f32 = 1e-4;
 
 /// Standard deviation of a range by errors that no frame shows, as a share of it: the uncertainty of the
 /// ball's size, of the camera's focal length, and of the place where a colour begins.
-const SIZE_SHARE: f32 = 0.03;
+pub(crate) const SIZE_SHARE: f32 = 0.03;
 
 /// A range whose standard deviation is a larger share of it is none: its error would be lopsided.
 pub const RANGE_LIMIT: f32 = 0.1;
@@ -565,10 +565,12 @@ impl Mount {
     /// A direction as a level camera with the same heading would see it; `None` if its row is not known.
     pub fn upright(self, seen: &Seen) -> Option<Seen> {
         let [pitch, roll] = self.degrees().map(f32::to_radians);
-        let bearing = Mounting { pitch, roll }
-            .seen(seen.bearing, seen.elevation.radians()?)
-            .azimuth();
-        Some(Seen { bearing, ..*seen })
+        let upright = Mounting { pitch, roll }.seen(seen.bearing, seen.elevation.radians()?);
+        Some(Seen {
+            bearing: upright.azimuth(),
+            elevation: Elevation::from_radians(upright.elevation()),
+            ..*seen
+        })
     }
 }
 

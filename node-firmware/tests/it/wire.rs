@@ -1033,6 +1033,13 @@ fn updates_are_these_bytes() {
     assert_eq!(hex(&postcard::to_allocvec_like(&wish)), "08ffff0303010203");
     assert_eq!(tell(ToPc::Update { address: 3, packet }), "0d0303010203");
     assert_eq!(tell(ToPc::UpdateSent), "0e");
+    let references = References {
+        first: 3,
+        second: 300,
+        positions: None,
+    };
+    assert_eq!(tell(ToPc::References(Some(references))), "0f0103ac0200");
+    assert_eq!(tell(ToPc::References(None)), "0f00");
     // The longest fits the air and the line.
     let longest = UpdatePacket::new(&[0xA5; 92]).unwrap();
     assert_eq!(UpdatePacket::new(&[0xA5; 93]), None);

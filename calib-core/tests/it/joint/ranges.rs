@@ -1,6 +1,9 @@
 //! Ranges from the target's size, beside bearings.
 
-use calib_core::joint::{Finding, JointError, Quantity};
+use calib_core::{
+    joint::{Finding, JointError, Leg, Quantity},
+    level::Elevation,
+};
 use test_support::{
     chi_squared_band, generator,
     walk::{CarrierErrors, Walk},
@@ -75,6 +78,59 @@ fn ranges_make_everything_surer() {
         without.solve().unwrap();
         let sigma = [&mut with, &mut without].map(|joint| joint.carrier().unwrap().sigma_scale());
         assert!(sigma[0] < sigma[1], "{seed}: {sigma:?}");
+    }
+}
+
+/// A range is that from the eye to the ball. A camera that hangs above it tells by its row how far away it is along the
+/// floor: in the estimate it is the range of a camera at the height of the ball.
+#[test]
+fn a_range_from_above_counts_along_the_floor() {
+    for seed in 0..5 {
+        let walk = ranged(seed);
+        let mut above = walk.clone();
+        let mut rows = Vec::new();
+        for seen in &mut above.ranges {
+            // Exactly one tenth of a milliradian, as rows are told.
+            let elevation = Elevation::from_radians(-0.4 - 0.02 * (seen.stop % 7) as f32);
+            let share = elevation.radians::<f64>().unwrap().cos();
+            seen.range /= share;
+            seen.sigma /= share;
+            rows.push((seen.stop, seen.camera, elevation));
+        }
+        let flat = filled::<f64>(&walk, WIDE);
+        let empty = Walk {
+            places: Vec::new(),
+            ..above.clone()
+        };
+        let mut level = filled::<f64>(&empty, WIDE);
+        for stop in 0..above.places.len() {
+            let leg = stop.checked_sub(1).map(|before| &above.legs[before]);
+            let leg = leg.map(|leg| Leg {
+                displacement: leg.displacement,
+                covariance: leg.covariance,
+            });
+            level.add_stop(leg).unwrap();
+            for seen in above.bearings.iter().filter(|seen| seen.stop == stop) {
+                level
+                    .add_bearing(stop, seen.camera, seen.bearing, seen.sigma)
+                    .unwrap();
+                let row = rows
+                    .iter()
+                    .find(|row| (row.0, row.1) == (stop, seen.camera));
+                level.add_elevation(row.unwrap().2).unwrap();
+            }
+            for seen in above.ranges.iter().filter(|seen| seen.stop == stop) {
+                level
+                    .add_range(stop, seen.camera, seen.range, seen.sigma)
+                    .unwrap();
+            }
+        }
+        let [flat, level] = [flat, level].map(|mut joint| {
+            joint.solve().unwrap();
+            let last = joint.stops() - 1;
+            joint.place(last).unwrap().position
+        });
+        assert!((flat - level).norm() < 1e-6, "{seed}: {flat} {level}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! The text of a site's file, changed only where the user changed something.
 
 use serde::Serialize;
-use site::{NetworkTable, ObstacleTable, Scenario};
+use site::{NetworkTable, OutlineTable, PillarTable, Scenario};
 use toml_edit::{
     Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value, value,
 };
@@ -53,9 +53,27 @@ fn set(table: &mut dyn TableLike, key: &str, number: f64) {
     match table.get_mut(key).and_then(Item::as_value_mut) {
         Some(old) => set_value(old, number),
         None => {
-            table.insert(key, value(rounded(number)));
+            let mut new = Value::from(rounded(number));
+            if let Some(space) = table
+                .iter_mut()
+                .last()
+                .and_then(|(_, last)| space_after(last))
+            {
+                new.decor_mut().set_suffix(space);
+            }
+            table.insert(key, Item::Value(new));
         }
     }
+}
+
+/// Takes the space before the end of an inline table from its last value: another one comes there.
+fn space_after(last: &mut Item) -> Option<String> {
+    let decor = last.as_value_mut()?.decor_mut();
+    let space = decor.suffix()?.as_str()?.to_owned();
+    space.trim().is_empty().then(|| {
+        decor.set_suffix("");
+        space
+    })
 }
 
 fn set_value(old: &mut Value, number: f64) {
@@ -74,6 +92,14 @@ fn place(table: &mut dyn TableLike, new: &Placed) {
     set(table, "x", new.x);
     set(table, "y", new.y);
     set(table, "heading_deg", new.heading_deg);
+    for (key, number) in new.mount() {
+        match number {
+            Some(number) => set(table, key, number),
+            None => {
+                table.remove(key);
+            }
+        }
+    }
 }
 
 fn id_of(table: &dyn TableLike) -> Option<i64> {
@@ -138,23 +164,23 @@ fn append(array: &mut Array, mut value: Value) {
     }
 }
 
-pub(super) fn numbers_of(obstacle: &ObstacleTable) -> Vec<f64> {
+pub(super) fn numbers_of(obstacle: &OutlineTable) -> Vec<f64> {
     match obstacle {
-        ObstacleTable::Wall(corners) | ObstacleTable::Block(corners) => corners.concat(),
-        &ObstacleTable::Pillar { x, y, radius } => vec![x, y, radius],
+        OutlineTable::Wall(corners) | OutlineTable::Block(corners) => corners.concat(),
+        &OutlineTable::Pillar(PillarTable { x, y, radius }) => vec![x, y, radius],
     }
 }
 
 /// An obstacle as a file has it: the name of its kind, and its numbers.
-fn written(obstacle: &ObstacleTable) -> (&'static str, Value) {
+fn written(obstacle: &OutlineTable) -> (&'static str, Value) {
     let corners = |corners: &[[f64; 2]]| {
         let corner = |corner: &[f64; 2]| Value::from_iter(corner.map(rounded));
         Value::Array(corners.iter().map(corner).collect())
     };
     match obstacle {
-        ObstacleTable::Wall(all) => ("wall", corners(all)),
-        ObstacleTable::Block(all) => ("block", corners(all)),
-        &ObstacleTable::Pillar { x, y, radius } => {
+        OutlineTable::Wall(all) => ("wall", corners(all)),
+        OutlineTable::Block(all) => ("block", corners(all)),
+        &OutlineTable::Pillar(PillarTable { x, y, radius }) => {
             let numbers = [("x", x), ("y", y), ("radius", radius)];
             let numbers = numbers.map(|(key, number)| (key, rounded(number)));
             let table = InlineTable::from_iter(numbers);
@@ -164,10 +190,10 @@ fn written(obstacle: &ObstacleTable) -> (&'static str, Value) {
 }
 
 /// Changes the numbers of an obstacle of the file.
-fn reshape(table: &mut dyn TableLike, obstacle: &ObstacleTable) -> Result<(), EditError> {
+fn reshape(table: &mut dyn TableLike, obstacle: &OutlineTable) -> Result<(), EditError> {
     let (kind, new) = written(obstacle);
     let old = table.get_mut(kind).ok_or(EditError::Unknown(kind))?;
-    if let (Some(old), &ObstacleTable::Pillar { x, y, radius }) =
+    if let (Some(old), &OutlineTable::Pillar(PillarTable { x, y, radius })) =
         (old.as_table_like_mut(), obstacle)
     {
         for (key, number) in [("x", x), ("y", y), ("radius", radius)] {

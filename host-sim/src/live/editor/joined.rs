@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use serde::Deserialize;
-use site::ObstacleTable;
+use site::{OutlineTable, PillarTable};
 
 use super::{Hindrance, Layout, Placed};
 
@@ -142,7 +142,7 @@ impl Join {
         }
         let new = wanted.iter().filter(|one| one.of.is_none());
         added.extend(new.map(|one| one.is.clone()));
-        let is_new = |is: &ObstacleTable| now.iter().all(|known| known.is != *is);
+        let is_new = |is: &OutlineTable| now.iter().all(|known| known.is != *is);
         let added = added.into_iter().filter(is_new);
         let added = added.map(|is| Hindrance { of: None, is });
         places.into_iter().flatten().chain(added).collect()
@@ -152,18 +152,26 @@ impl Join {
 fn pose(camera: Option<Placed>) -> String {
     camera.map_or_else(
         || "removed".to_owned(),
-        |Placed {
-             x, y, heading_deg, ..
-         }| format!("at ({x:.2}, {y:.2}), {heading_deg:.1}\u{b0}"),
+        |camera| {
+            let Placed {
+                x, y, heading_deg, ..
+            } = camera;
+            let place = format!("at ({x:.2}, {y:.2}), {heading_deg:.1}\u{b0}");
+            let told = camera.mount().into_iter();
+            told.filter_map(|(key, value)| Some((key, value?)))
+                .fold(place, |text, (key, value)| {
+                    format!("{text}, {key} {value:.2}")
+                })
+        },
     )
 }
 
 /// An obstacle in words: its kind and where it began.
-fn name(obstacle: &ObstacleTable) -> String {
+fn name(obstacle: &OutlineTable) -> String {
     let (kind, at) = match obstacle {
-        ObstacleTable::Wall(corners) => ("wall", corners.first().copied()),
-        ObstacleTable::Block(corners) => ("block", corners.first().copied()),
-        &ObstacleTable::Pillar { x, y, .. } => ("pillar", Some([x, y])),
+        OutlineTable::Wall(corners) => ("wall", corners.first().copied()),
+        OutlineTable::Block(corners) => ("block", corners.first().copied()),
+        &OutlineTable::Pillar(PillarTable { x, y, .. }) => ("pillar", Some([x, y])),
     };
     let at = at.map(|[x, y]| format!(" at ({x:.2}, {y:.2})"));
     format!("{kind}{}", at.unwrap_or_default())

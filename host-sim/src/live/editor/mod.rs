@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use site::{
-    ObstacleTable, Overrides, Scenario, ScenarioError,
+    OutlineTable, Overrides, Scenario, ScenarioError,
     design::{Advice, Design},
 };
 use toml_edit::DocumentMut;
@@ -41,6 +41,26 @@ pub struct Placed {
     pub y: f64,
     /// Direction, degrees from the x axis.
     pub heading_deg: f64,
+    /// Height of its lens above the floor. `None`: that of the ball.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<f64>,
+    /// Angle of its optical axis below the horizon, degrees. `None`: level.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_deg: Option<f64>,
+    /// Turn about that axis, degrees. `None`: upright.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roll_deg: Option<f64>,
+}
+
+impl Placed {
+    /// The keys of a file that tell how it hangs, and their values.
+    fn mount(&self) -> [(&'static str, Option<f64>); 3] {
+        [
+            ("height", self.height),
+            ("pitch_deg", self.pitch_deg),
+            ("roll_deg", self.roll_deg),
+        ]
+    }
 }
 
 /// An obstacle.
@@ -51,7 +71,7 @@ pub struct Hindrance {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<usize>,
     /// Its present kind and numbers; an obstacle of the file keeps its kind.
-    pub is: ObstacleTable,
+    pub is: OutlineTable,
 }
 
 /// A site with its expected results.
@@ -182,6 +202,9 @@ impl Editor {
                 x: place.x,
                 y: place.y,
                 heading_deg,
+                height: camera.height,
+                pitch_deg: camera.pitch_deg,
+                roll_deg: camera.roll_deg,
             })
         };
         let networks = self.scenario.networks.iter();
@@ -192,7 +215,7 @@ impl Editor {
             obstacles: obstacles
                 .map(|(n, is)| Hindrance {
                     of: Some(n),
-                    is: is.clone(),
+                    is: is.outline.clone(),
                 })
                 .collect(),
         })
@@ -208,7 +231,12 @@ impl Editor {
             return Ok(self.text.clone());
         }
         let mut numbers = { layout.networks.iter().flatten() }
-            .flat_map(|camera| [camera.x, camera.y, camera.heading_deg])
+            .flat_map(|camera| {
+                let mount = camera.mount().into_iter();
+                [camera.x, camera.y, camera.heading_deg]
+                    .into_iter()
+                    .chain(mount.filter_map(|(_, value)| value))
+            })
             .chain(
                 layout
                     .obstacles

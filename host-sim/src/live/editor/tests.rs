@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
+use site::PillarTable;
+
 use super::*;
 
 const THESIS: &str = site::BUILT_IN[0].1;
@@ -21,7 +23,7 @@ fn what_is_not_changed_keeps_every_letter() {
         let [low, _] = editor.begun(0).unwrap().bounds;
         layout.obstacles.push(Hindrance {
             of: None,
-            is: ObstacleTable::Wall(vec![low, [low[0] + 0.01, low[1]]]),
+            is: OutlineTable::Wall(vec![low, [low[0] + 0.01, low[1]]]),
         });
         let added = editor.text(&layout).unwrap();
         let is_in = |line: &str| added.lines().any(|other| other == line);
@@ -62,8 +64,25 @@ fn cameras_come_and_go() {
         x: 1.0,
         y: 2.0,
         heading_deg: 30.0,
+        height: Some(2.5),
+        pitch_deg: Some(20.0),
+        roll_deg: None,
     });
     let text = editor.text(&layout).unwrap();
+    assert!(text.contains("height = 2.5, pitch_deg = 20.0 }"), "{text}");
+    let editor = Editor::new(&text).unwrap();
+    assert_eq!(editor.layout().unwrap(), layout);
+    // As the page sends it.
+    let sent = serde_json::to_string(&layout).unwrap();
+    assert_eq!(serde_json::from_str::<Layout>(&sent).unwrap(), layout);
+
+    // Level again, and the one beside it is rolled.
+    let cameras = &mut layout.networks[0];
+    let count = cameras.len();
+    (cameras[count - 1].height, cameras[count - 1].pitch_deg) = (None, None);
+    cameras[count - 2].roll_deg = Some(-3.0);
+    let text = editor.text(&layout).unwrap();
+    assert!(!text.contains("pitch_deg") && text.contains("roll_deg = -3.0"));
     assert_eq!(Editor::new(&text).unwrap().layout().unwrap(), layout);
 }
 
@@ -82,11 +101,11 @@ fn what_is_no_site_is_refused() {
     refused(&|layout| layout.networks[0][3].x = f64::NAN);
     refused(&|layout| layout.networks[0][3].x = 1e9);
     refused(&|layout| layout.networks.push(Vec::new()));
-    let pillar = ObstacleTable::Pillar {
+    let pillar = OutlineTable::Pillar(PillarTable {
         x: 1.0,
         y: 2.0,
         radius: 0.2,
-    };
+    });
     for of in [Some(7), Some(0)] {
         let is = pillar.clone();
         let one = Hindrance { of, is };
@@ -107,12 +126,12 @@ fn a_moved_obstacle_changes_its_numbers_only() {
         let editor = Editor::new(&text).unwrap();
         let mut layout = editor.layout().unwrap();
         assert_eq!(layout.obstacles.len(), 3, "{text}");
-        layout.obstacles[0].is = ObstacleTable::Wall(vec![[1.0, 25.0], [2.0, 25.5]]);
+        layout.obstacles[0].is = OutlineTable::Wall(vec![[1.0, 25.0], [2.0, 25.5]]);
         let x = 3.25;
         let (y, radius) = (25.0, 0.1);
-        layout.obstacles[1].is = ObstacleTable::Pillar { x, y, radius };
+        layout.obstacles[1].is = OutlineTable::Pillar(PillarTable { x, y, radius });
         let corners = vec![[4.0, 25.0], [5.0, 25.0], [5.0, 26.5]];
-        layout.obstacles[2].is = ObstacleTable::Block(corners);
+        layout.obstacles[2].is = OutlineTable::Block(corners);
         let moved = editor.text(&layout).unwrap();
         let by_hand = text
             .replace("[2.0, 25.0]", "[2.0, 25.5]")
@@ -130,7 +149,7 @@ fn a_moved_obstacle_changes_its_numbers_only() {
             3
         );
         // One corner more, and then one obstacle less.
-        layout.obstacles[0].is = ObstacleTable::Wall(vec![[1.0, 25.0], [1.5, 25.2], [2.0, 25.5]]);
+        layout.obstacles[0].is = OutlineTable::Wall(vec![[1.0, 25.0], [1.5, 25.2], [2.0, 25.5]]);
         let more = editor.text(&layout).unwrap();
         assert!(more.contains("# the door"), "{more}");
         layout.obstacles.remove(1);
@@ -213,11 +232,11 @@ fn a_save_keeps_what_others_changed() {
 
     let mut layout = first.layout.clone();
     layout.networks[0][4].x += 0.25;
-    layout.obstacles[1].is = ObstacleTable::Pillar {
+    layout.obstacles[1].is = OutlineTable::Pillar(PillarTable {
         x: 3.5,
         y: 25.0,
         radius: 0.1,
-    };
+    });
     let saved = editing.save(&asked(&first, &layout, &none)).unwrap();
     assert!(!saved.joined);
     paper.change("# shelf", "# the shelf by the door");
@@ -225,12 +244,15 @@ fn a_save_keeps_what_others_changed() {
     // The second page knows nothing of both.
     let mut layout = second.layout.clone();
     layout.networks[0][5].x += 0.5;
-    layout.obstacles[0].is = ObstacleTable::Wall(vec![[1.0, 25.0], [2.5, 25.0]]);
+    layout.obstacles[0].is = OutlineTable::Wall(vec![[1.0, 25.0], [2.5, 25.0]]);
     layout.networks[0].push(Placed {
         id: 14,
         x: 1.0,
         y: 2.0,
         heading_deg: 0.0,
+        height: None,
+        pitch_deg: None,
+        roll_deg: None,
     });
     let saved = editing.save(&asked(&second, &layout, &none)).unwrap();
     assert!(saved.joined);
@@ -297,8 +319,8 @@ fn a_change_of_both_is_refused_and_the_user_chooses() {
 
 #[test]
 fn obstacles_that_both_changed_are_told_and_others_are_joined() {
-    let [a, b, c, d] = [1.0, 2.0, 3.0, 4.0].map(|x| ObstacleTable::Wall(vec![[x, 0.0], [x, 1.0]]));
-    let layout = |list: &[(Option<usize>, &ObstacleTable)]| Layout {
+    let [a, b, c, d] = [1.0, 2.0, 3.0, 4.0].map(|x| OutlineTable::Wall(vec![[x, 0.0], [x, 1.0]]));
+    let layout = |list: &[(Option<usize>, &OutlineTable)]| Layout {
         networks: Vec::new(),
         obstacles: { list.iter() }
             .map(|&(of, is)| Hindrance { of, is: is.clone() })

@@ -24,8 +24,8 @@ function panels() {
   byId('exact').hidden = !camera;
   if (camera) {
     byId('which').textContent = `Camera ${camera.id}`;
-    for (const [id, key] of [['x', 'x'], ['y', 'y'], ['heading', 'heading_deg']]) {
-      if (document.activeElement !== byId(id)) byId(id).value = camera[key];
+    for (const [id, key] of FIELDS) {
+      if (document.activeElement !== byId(id)) byId(id).value = camera[key] ?? '';
     }
   }
   byId('undo').disabled = !done.length;

@@ -13,6 +13,13 @@ const undone = [];
 const done = [];
 
 const TURN = 2 * Math.PI;
+// Fields of the selected camera's form, and the keys of the file that they set.
+const FIELDS = [
+  ['x', 'x'], ['y', 'y'], ['heading', 'heading_deg'],
+  ['height', 'height'], ['pitch', 'pitch_deg'], ['roll', 'roll_deg'],
+];
+// Those that may be empty.
+const MOUNT = ['height', 'pitch', 'roll'];
 const clone = value => JSON.parse(JSON.stringify(value));
 const round = number => Math.round(number * 1000) / 1000;
 
@@ -274,10 +281,11 @@ function listen() {
   byId('keep-page').addEventListener('click', () => save({download: true}));
   addEventListener('beforeunload', event => { if (isUnsaved()) event.preventDefault(); });
   byId('exact').addEventListener('submit', event => event.preventDefault());
-  for (const [id, key] of [['x', 'x'], ['y', 'y'], ['heading', 'heading_deg']]) {
+  for (const [id, key] of FIELDS) {
     byId(id).addEventListener('change', () => {
       const number = byId(id).valueAsNumber;
       if (Number.isFinite(number)) change(() => { selectedCamera()[key] = number; });
+      else if (MOUNT.includes(id)) change(() => { delete selectedCamera()[key]; });
     });
   }
   document.addEventListener('keydown', keys);

@@ -48,6 +48,65 @@ async fn judged(browser: &Browser) {
         .await;
 }
 
+/// A room as in docs/start.md.
+const ROOM: &str = r#"
+name = "room"
+unit = "m"
+world = { low = [0.0, 0.0], high = [6.0, 5.0] }
+[camera]
+field_of_view_deg = 60.0
+projection = "pin-hole"
+range = 8.0
+[[network]]
+references = { cameras = [1, 2] }
+camera = [
+  { id = 1, x = 0.2, y = 0.2, heading_deg = 45.0 },
+  { id = 2, x = 5.0, y = 0.2, heading_deg = 110.0 },
+  { id = 3, x = 0.2, y = 4.8, heading_deg = 325.0 },
+]
+target = [{ id = 20 }]
+"#;
+
+/// Height and pitch of the form are in the saved file; with empty fields the camera is level again.
+#[tokio::test]
+async fn a_camera_is_hung_by_the_form() {
+    let folder = TempDir::new().unwrap();
+    let site = folder.path().join("room.toml");
+    fs::write(&site, ROOM).unwrap();
+    let path = site.to_str().unwrap();
+    let (_server, url) = served(&["edit", path, "--save", path]);
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&url).await.unwrap();
+    judged(&browser).await;
+    let before = row(&browser, 3).await;
+    let fill = |id: &str, value: &str| {
+        format!(
+            "const field = document.getElementById('{id}');
+             field.value = '{value}'; field.dispatchEvent(new Event('change'));"
+        )
+    };
+    let choose = "document.querySelector('#cameras tr[data-camera=\"3\"]').click()";
+    browser.run(choose).await;
+    for (id, value) in [("height", "2.5"), ("pitch", "30")] {
+        browser.run(&fill(id, value)).await;
+        judged(&browser).await;
+    }
+    browser.run("document.getElementById('save').click()").await;
+    let saved = "return document.getElementById('link').textContent.startsWith('saved')";
+    browser.until(saved).await;
+    let text = fs::read_to_string(&site).unwrap();
+    assert!(
+        text.contains("heading_deg = 325.0, height = 2.5, pitch_deg = 30.0 }"),
+        "{text}"
+    );
+    browser.run(choose).await;
+    for id in ["height", "pitch"] {
+        browser.run(&fill(id, "")).await;
+        judged(&browser).await;
+    }
+    assert_eq!(row(&browser, 3).await, before);
+}
+
 #[tokio::test]
 async fn a_site_is_edited_and_calibrates() {
     let folder = TempDir::new().unwrap();

@@ -8,7 +8,7 @@ use calib_core::Pose;
 use cmucam2_emulator::Lens;
 use nalgebra::Point2;
 use site::planner::{self, Advice, Noise, PairWish};
-use site::world::{Camera, Mount, Obstacle, Variant, World};
+use site::world::{Camera, Mount, Obstacle, ObstacleShape, Variant, World};
 
 use super::{
     Node, RunRecord, View, checks,
@@ -137,12 +137,15 @@ fn informative(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Vec<Nex
     advice.stops(MOST).into_iter().map(named).collect()
 }
 
-/// Obstacles, in the frame of a network.
+/// Obstacles, in the frame of a network. A record does not tell their heights: where one may hide, it does.
 pub(super) fn obstacles(record: &RunRecord, network: u16) -> impl Iterator<Item = Obstacle> {
     let outlines = record.obstacles_of(network).into_iter();
-    outlines.map(|outline| match outline[..] {
-        [a, b] => Obstacle::Segment([a, b]),
-        _ => Obstacle::Polygon(outline),
+    outlines.map(|outline| {
+        let shape = match outline[..] {
+            [a, b] => ObstacleShape::Segment([a, b]),
+            _ => ObstacleShape::Polygon(outline),
+        };
+        shape.into()
     })
 }
 

@@ -11,8 +11,8 @@ use calib_core::{Pose, Refusal, Status, angle::wrap_signed};
 use node_firmware::{
     console::{KeyChangeReport, NetworkInfo, ToPc},
     message::{
-        CameraState, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report,
-        Seen, SitePlace,
+        CameraState, Duty, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts,
+        References, Report, Seen, SitePlace,
     },
     role::{CONTRADICTION, COORDINATOR, contradiction},
 };
@@ -73,6 +73,8 @@ pub struct Member {
     asked: Option<Duration>,
     /// A target: its stops, when they began, and where it believed to stand.
     stops: BTreeMap<u16, (Duration, Option<SitePlace>)>,
+    /// Its duty as a reference, as the coordinator told it.
+    appointed: Option<Duty>,
 }
 
 impl Member {
@@ -87,7 +89,13 @@ impl Member {
     /// Returns true if it is a reference camera: by its configuration, or because it was elected.
     pub fn is_reference(&self) -> bool {
         matches!(self.kind, Some(MemberKind::Camera { reference: Some(_) }))
-            || self.report.is_some_and(|report| report.duty.is_some())
+            || self.duty().is_some()
+    }
+
+    /// Its duty as a reference, once it did it or was told to.
+    pub fn duty(&self) -> Option<Duty> {
+        let done = self.report.and_then(|report| report.duty);
+        done.or(self.appointed)
     }
 
     /// Its pose, whatever that is worth.
@@ -216,6 +224,8 @@ pub struct NetworkView {
     unit: Option<String>,
     /// When the coordinator last told anything.
     spoke: Option<Duration>,
+    /// The references, as the coordinator told them.
+    references: Option<References>,
 }
 
 /// Returns true if these networks together have so many cameras, at least one, and all are calibrated.
@@ -426,6 +436,7 @@ impl NetworkView {
                     ),
                 })
             }
+            ToPc::References(references) => self.appoint(references),
             ToPc::Stopped {
                 address,
                 stop,
@@ -440,6 +451,32 @@ impl NetworkView {
             // `Tracked` and `Object` are not asked for here.
             _ => None,
         }
+    }
+
+    /// Duty of the camera with this address, as the coordinator told it.
+    fn duty_of(&self, address: MemberAddress) -> Option<Duty> {
+        let References { first, second, .. } = self.references?;
+        let duties = [(first, Duty::First), (second, Duty::Second)];
+        duties
+            .into_iter()
+            .find_map(|(of, duty)| (of == address).then_some(duty))
+    }
+
+    /// These are the references. It is news where they were elected.
+    fn appoint(&mut self, references: Option<References>) -> Option<String> {
+        self.references = references;
+        let mut is_news = false;
+        for n in 0..self.members.len() {
+            let duty = self.duty_of(self.members[n].address);
+            let member = &mut self.members[n];
+            let is_elected = member.kind == Some(MemberKind::Camera { reference: None });
+            is_news |= std::mem::replace(&mut member.appointed, duty) != duty && is_elected;
+        }
+        let References { first, second, .. } = references?;
+        is_news.then(|| {
+            let [first, second] = [first, second].map(|address| self.name(address));
+            format!("{first} and {second} are the reference cameras")
+        })
     }
 
     fn at(&mut self, address: MemberAddress) -> Option<&mut Member> {
@@ -480,6 +517,7 @@ impl NetworkView {
                 former: None,
                 doubted: None,
                 moved: None,
+                appointed: self.duty_of(address),
                 sightings: BTreeMap::new(),
                 asked: None,
                 stops: BTreeMap::new(),
@@ -716,6 +754,42 @@ mod tests {
         for message in [&messages[1], &messages[2], &messages[5]] {
             assert_eq!(known.take(NOW, message), None);
         }
+    }
+
+    /// The coordinator tells which cameras it elected, before they have a pose: that is news once, and the record has them.
+    #[test]
+    fn elected_references_are_known_before_they_have_a_pose() {
+        let mut known = NetworkView::default();
+        for id in [4, 5, 6] {
+            known.take(NOW, &member(id, id, MemberKind::Camera { reference: None }));
+        }
+        let references = |first, second| {
+            let positions = None;
+            ToPc::References(Some(References {
+                first,
+                second,
+                positions,
+            }))
+        };
+        let news = known.take(NOW, &references(6, 4));
+        assert_eq!(
+            news.unwrap(),
+            "camera 6 and camera 4 are the reference cameras"
+        );
+        assert_eq!(known.take(NOW, &references(6, 4)), None);
+        let of = |known: &NetworkView| {
+            let record = known.record(NOW, None);
+            let cameras = record.cameras().filter(|camera| camera.reference);
+            cameras.map(|camera| camera.id).collect::<Vec<_>>()
+        };
+        assert_eq!(of(&known), [4, 6]);
+        // They gave way.
+        assert_eq!(known.take(NOW, &ToPc::References(None)), None);
+        assert!(of(&known).is_empty());
+        // Told before its hello.
+        known.take(NOW, &references(6, 7));
+        known.take(NOW, &member(7, 7, MemberKind::Camera { reference: None }));
+        assert_eq!(of(&known), [6, 7]);
     }
 
     /// A camera that was turned by 5 degrees: at once, or after a doubt, and never of itself.

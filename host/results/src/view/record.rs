@@ -91,7 +91,7 @@ impl NetworkView {
     fn references(&self) -> Option<[u16; 2]> {
         let has = |duty: Duty| {
             let mut cameras = self.cameras().into_iter();
-            let is_it = |m: &&Member| m.report.is_some_and(|report| report.duty == Some(duty));
+            let is_it = |m: &&Member| m.duty() == Some(duty);
             cameras.find(is_it).map(|camera| camera.id)
         };
         Some([has(Duty::First)?, has(Duty::Second)?])

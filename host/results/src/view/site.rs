@@ -5,7 +5,10 @@ use node_firmware::{
     config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects, TargetConfig},
     vision::Lens,
 };
-use site::{Frame, NetworkTable, Scenario, ScenarioError, WorldTable, world::Obstacle};
+use site::{
+    Frame, NetworkTable, Scenario, ScenarioError, WorldTable,
+    world::{Obstacle, ObstacleShape},
+};
 
 use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees, space::Told};
 
@@ -147,10 +150,8 @@ impl SitePlan {
         let Some(frame) = &self.frame else {
             return Vec::new();
         };
-        let all = self.scenario.world.obstacles.iter();
-        all.flat_map(site::obstacles)
-            .map(|obstacle| outline(&obstacle, frame))
-            .collect()
+        let all = site::obstacles(&self.scenario).into_iter();
+        all.map(|obstacle| outline(&obstacle, frame)).collect()
     }
 }
 
@@ -182,16 +183,16 @@ pub fn building_place(frame: &Frame) -> Place {
 
 /// The outline of an obstacle in a frame.
 pub fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
-    let corners = match obstacle {
-        Obstacle::Segment(ends) => ends.to_vec(),
-        Obstacle::Disc { centre, radius } => (0..PILLAR)
+    let corners = match &obstacle.shape {
+        ObstacleShape::Segment(ends) => ends.to_vec(),
+        ObstacleShape::Disc { centre, radius } => (0..PILLAR)
             .map(|n| {
                 let turn = f64::from(n) / f64::from(PILLAR) * std::f64::consts::TAU;
                 let (sin, cos) = turn.sin_cos();
                 centre + Vector2::new(cos, sin) * *radius
             })
             .collect(),
-        Obstacle::Polygon(corners) => corners.clone(),
+        ObstacleShape::Polygon(corners) => corners.clone(),
     };
     let corners = corners
         .into_iter()

@@ -9,7 +9,7 @@ use cmucam2_emulator::{FaultRates, Lens};
 use nalgebra::Vector2;
 use node_firmware::{
     limits::{COLOURS_MAX, MEMBERS},
-    vision::LensError,
+    vision::{CameraKind, LensError},
 };
 
 use super::{
@@ -142,8 +142,26 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
             "`equal-angle` for the variant `stage`; `camera.model.projection` is what nodes believe",
         ));
     }
-    fault_rates(name, &camera.faults).map(|_| ())
+    fault_rates(name, &camera.faults)?;
+    let is_rehearsed = |fault: &str| camera.kind == CameraKind::Cmucam2 || fault == CORRUPT_LINE;
+    match camera
+        .faults
+        .iter()
+        .find(|(fault, rate)| **rate > 0.0 && !is_rehearsed(fault))
+    {
+        None => Ok(()),
+        Some((fault, rate)) => Err(refuse(
+            format!("{name}.faults.{fault}"),
+            rate,
+            format!(
+                "`{CORRUPT_LINE}` alone for this kind of camera: the other faults are those of a CMUcam2"
+            ),
+        )),
+    }
 }
+
+/// The fault that all kinds of cameras have.
+const CORRUPT_LINE: &str = "corrupt_line";
 
 /// Refuses lenses of which the distortion would fold the picture back: the real one, or the one that nodes believe.
 fn folds(name: &str, camera: &CameraTable) -> Checked {

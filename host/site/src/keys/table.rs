@@ -166,6 +166,7 @@ const REHEARSAL: &[Key] = &[
     key("world.obstacle[]", Tables, Is("none"), Rehearsal, "What blocks sight and ways: one of the three that follow."),
     key("world.obstacle[].wall", Places(2, MOST, ""), Is(""), Rehearsal, "A thin wall along these corners."),
     key("world.obstacle[].block", Places(3, MOST, "; two make a `wall`"), Is(""), Rehearsal, "A polygon."),
+    key("world.obstacle[].height", Number(0.0, LARGE, " in the unit of the site"), Is("it reaches to the ceiling"), Rehearsal, "Height of its top above the floor: cameras that hang higher look over it."),
     key("world.obstacle[].pillar", Table, Is(""), Rehearsal, "A disc."),
     key("world.obstacle[].pillar.x", COORDINATE, Needed, Rehearsal, "Its middle."),
     key("world.obstacle[].pillar.y", COORDINATE, Needed, Rehearsal, "Its middle."),

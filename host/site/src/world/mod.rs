@@ -1,8 +1,9 @@
 //! The plane that cameras look over: what each of them sees at a moment.
 //!
 //! Balls move in one plane, as in the thesis (section 2.4). Cameras may hang above or below it, and may be tilted and
-//! rolled. Walls and what else blocks sight reach from the floor to the ceiling. Lengths are in the scenario's unit, angles in radians, times in nanoseconds as in
-//! the camera [emulator](cmucam2_emulator::Emulator).
+//! rolled. Walls and what else blocks sight stand on the floor, and reach to the ceiling or have a height. Lengths are in
+//! the scenario's unit, angles in radians, times in nanoseconds as in the camera
+//! [emulator](cmucam2_emulator::Emulator).
 //!
 //! | part | job |
 //! |---|---|
@@ -55,7 +56,7 @@ mod sight;
 mod step_sensor;
 mod walker;
 
-pub use obstacle::Obstacle;
+pub use obstacle::{Obstacle, Shape as ObstacleShape};
 pub use sight::{Patch, Sight, View};
 pub use step_sensor::{SensorErrors, StepSensor};
 pub use walker::{Event, Gait, Mood, Stride, Walker};
@@ -169,7 +170,7 @@ impl World {
             area(camera.place - reach, camera.place + reach, index)
         });
         let obstacle_areas = obstacles.iter().enumerate().map(|(index, obstacle)| {
-            let (low, high) = obstacle.bounds();
+            let (low, high) = obstacle.shape.bounds();
             area(low, high, index)
         });
         let target_spots = targets
@@ -321,7 +322,7 @@ impl World {
     ) -> Option<usize> {
         self.obstacles_near(from, to, clearance)
             .into_iter()
-            .find(|&index| self.obstacles[index].distance_to_way(from, to) < clearance)
+            .find(|&index| self.obstacles[index].shape.distance_to_way(from, to) < clearance)
     }
 
     fn obstacles_near(&self, a: Point2<f64>, b: Point2<f64>, margin: f64) -> Vec<usize> {

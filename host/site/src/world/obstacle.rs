@@ -2,9 +2,18 @@
 
 use nalgebra::{Point2, Vector2};
 
-/// Something opaque that stands.
+/// Something opaque that stands on the floor.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Obstacle {
+pub struct Obstacle {
+    /// Its outline.
+    pub shape: Shape,
+    /// Height of its top above the middle of the balls. Infinity: it reaches to the ceiling.
+    pub top: f64,
+}
+
+/// The outline of an obstacle.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
     /// A thin wall between two places.
     Segment([Point2<f64>; 2]),
     /// A pillar.
@@ -21,7 +30,48 @@ pub enum Obstacle {
 /// Directions, counter-clockwise of the one to a ball: from the least to the greatest.
 pub(super) type Shadow = [f64; 2];
 
+/// A shadow, and the height up to which it is dark where the ball is, above the middle of the balls.
+pub(super) type Shade = (Shadow, f64);
+
+impl From<Shape> for Obstacle {
+    /// One that reaches to the ceiling.
+    fn from(shape: Shape) -> Self {
+        Self {
+            shape,
+            top: f64::INFINITY,
+        }
+    }
+}
+
 impl Obstacle {
+    /// Where it hides a ball at a `distance` in the direction of the unit vector `ahead`, which is seen `half_width` to
+    /// both sides, from an eye so far above the middle of the balls.
+    pub(super) fn shades(
+        &self,
+        (eye, above): (Point2<f64>, f64),
+        ahead: Vector2<f64>,
+        distance: f64,
+        half_width: f64,
+        out: &mut Vec<Shade>,
+    ) {
+        let mut parts = Vec::new();
+        self.shape
+            .shadows(eye, ahead, distance, half_width, &mut parts);
+        let up = self.top - above;
+        out.extend(parts.into_iter().map(|(shadow, [near, far])| {
+            // An eye above it looks over its far edge, one below it over the near one.
+            let edge = if up < 0.0 { far } else { near };
+            let dark = if up.is_finite() {
+                above + up * distance / edge
+            } else {
+                up
+            };
+            (shadow, dark)
+        }));
+    }
+}
+
+impl Shape {
     /// Lowest and highest corner of what it covers.
     pub(super) fn bounds(&self) -> (Point2<f64>, Point2<f64>) {
         match self {
@@ -81,15 +131,14 @@ impl Obstacle {
         }
     }
 
-    /// Where it hides a ball at a `distance` in the direction of the unit vector `ahead`, which is
-    /// seen `half_width` to both sides.
-    pub(super) fn shadows(
+    /// Directions that it hides before a ball, and how near and how far each part of it stands.
+    fn shadows(
         &self,
         eye: Point2<f64>,
         ahead: Vector2<f64>,
         distance: f64,
         half_width: f64,
-        out: &mut Vec<Shadow>,
+        out: &mut Vec<(Shadow, [f64; 2])>,
     ) {
         let local = |place: Point2<f64>| {
             let d = place - eye;
@@ -101,7 +150,8 @@ impl Obstacle {
             if off < distance {
                 let direction = centre.y.atan2(centre.x);
                 let half = super::half_width(off, *radius);
-                out.push([direction - half, direction + half]);
+                let reach = [off - radius, (off + radius).min(distance)];
+                out.push(([direction - half, direction + half], reach));
             }
             return;
         }
@@ -115,8 +165,9 @@ impl Obstacle {
         ];
         for edge in self.edges() {
             if let Some([a, b]) = clip(edge.map(local), &sides) {
+                let reach = [a.x.min(b.x), a.x.max(b.x)];
                 let (a, b) = (a.y.atan2(a.x), b.y.atan2(b.x));
-                out.push([a.min(b), a.max(b)]);
+                out.push(([a.min(b), a.max(b)], reach));
             }
         }
     }
@@ -205,8 +256,8 @@ mod tests {
     }
 
     /// A unit square around (3, 0).
-    fn square() -> Obstacle {
-        Obstacle::Polygon(vec![p(2.5, -0.5), p(3.5, -0.5), p(3.5, 0.5), p(2.5, 0.5)])
+    fn square() -> Shape {
+        Shape::Polygon(vec![p(2.5, -0.5), p(3.5, -0.5), p(3.5, 0.5), p(2.5, 0.5)])
     }
 
     #[test]
@@ -218,12 +269,12 @@ mod tests {
 
     #[test]
     fn ways_pass_or_cross() {
-        let wall = Obstacle::Segment([p(1.0, -1.0), p(1.0, 1.0)]);
+        let wall = Shape::Segment([p(1.0, -1.0), p(1.0, 1.0)]);
         assert_eq!(wall.distance_to_way(p(0.0, 0.0), p(2.0, 0.0)), 0.0);
         assert_eq!(wall.distance_to_way(p(0.0, 0.0), p(0.5, 0.0)), 0.5);
         assert!((wall.distance_to_way(p(0.0, 1.5), p(3.0, 1.5)) - 0.5).abs() < 1e-12);
         assert_eq!(square().distance_to_way(p(3.0, 0.1), p(3.1, 0.1)), 0.0);
-        let pillar = Obstacle::Disc {
+        let pillar = Shape::Disc {
             centre: p(0.0, 2.0),
             radius: 0.5,
         };
@@ -236,7 +287,7 @@ mod tests {
         let hit = |y: f64| square().hit(p(0.0, 0.0), Vector2::new(1.0, y).normalize());
         assert_eq!(hit(0.0), Some(2.5));
         assert_eq!(hit(0.3), None);
-        let pillar = Obstacle::Disc {
+        let pillar = Shape::Disc {
             centre: p(4.0, 0.0),
             radius: 1.0,
         };
@@ -247,16 +298,16 @@ mod tests {
     /// A wall over the left half of a ball hides just that; one behind it hides nothing.
     #[test]
     fn a_shadow_is_as_wide_as_what_casts_it() {
-        let shadows = |wall: Obstacle| {
+        let shadows = |wall: Shape| {
             let mut out = Vec::new();
             wall.shadows(p(0.0, 0.0), Vector2::x(), 4.0, 0.25, &mut out);
             out
         };
-        let wall = |x: f64| Obstacle::Segment([p(x, 0.0), p(x, 5.0)]);
-        let [[from, to], ..] = shadows(wall(2.0))[..] else {
+        let wall = |x: f64| Shape::Segment([p(x, 0.0), p(x, 5.0)]);
+        let [([from, to], reach), ..] = shadows(wall(2.0))[..] else {
             panic!("no shadow");
         };
-        assert!(from.abs() < 1e-12 && (to - 0.25).abs() < 1e-12);
+        assert!(from.abs() < 1e-12 && (to - 0.25).abs() < 1e-12 && reach == [2.0; 2]);
         assert!(shadows(wall(4.5)).is_empty());
         assert!(shadows(wall(-2.0)).is_empty());
     }

@@ -49,7 +49,9 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
         let hidden = world
             .obstacles_near(camera.place, end, 0.0)
             .into_iter()
-            .filter_map(|index| world.obstacles[index].hit(camera.place, ray))
+            // Its cameras look along the plane of the balls.
+            .filter(|&index| world.obstacles[index].top > 0.0)
+            .filter_map(|index| world.obstacles[index].shape.hit(camera.place, ray))
             .any(|obstacle| obstacle < distance);
         if hidden {
             *hit = None;

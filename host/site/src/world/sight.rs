@@ -1,9 +1,12 @@
 //! Outlines and what hides them.
 
 use calib_core::camera::Projection;
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Point2, Vector2, Vector3};
 
-use super::{Camera, Mount, World, half_width, obstacle::Shadow};
+use super::{
+    Camera, Mount, World, half_width,
+    obstacle::{Shade, Shadow},
+};
 use cmucam2_emulator::{Extent, Object, Place, Rgb, Shape};
 
 /// Sight that a camera has of one ball.
@@ -15,7 +18,7 @@ pub struct Sight {
     pub bearing: f64,
     /// Half the angle under which all of it is seen there, radians.
     pub half_width: f64,
-    /// Its upper and lower edge are in the picture.
+    /// Its upper and lower edge are in the picture, and no obstacle hides any of its height.
     pub is_high_enough: bool,
     /// The bearings of the parts that are in the picture and not hidden, each from right to left, ascending. Of a
     /// ray scan: of the columns that hit, which seldom reach both edges of the ball.
@@ -108,7 +111,7 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
     balls.sort_by(|(_, a), (_, b)| b.distance.total_cmp(&a.distance));
     let mut view = View::default();
     for (n, (index, ball)) in balls.iter().enumerate() {
-        let mut shadows = ball.shadows(world, camera);
+        let shades = ball.shades(world, camera);
         let lens = &camera.lens;
         let outline = |right: f64, left: f64| {
             let bearing = ball.bearing + f64::midpoint(right, left);
@@ -132,10 +135,11 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
             extent,
         });
         // Before the ball, but behind the nearer balls that come later.
-        for [right, left] in &shadows {
+        for ([right, left], dark) in &shades {
+            let [top, bottom] = ball.dark_rows(camera, *dark);
             let cover = Extent {
-                top: 0.0,
-                bottom: 1.0,
+                top,
+                bottom,
                 ..outline(right.max(-ball.half_width), left.min(ball.half_width))
             };
             if cover.left < cover.right {
@@ -147,11 +151,12 @@ pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
                 });
             }
         }
-        for (_, nearer) in &balls[n + 1..] {
+        let nearer = balls[n + 1..].iter().map(|(_, nearer)| {
             let off = wrapped(nearer.bearing - ball.bearing);
-            shadows.push([off - nearer.half_width, off + nearer.half_width]);
-        }
-        if let Some(sight) = ball.seen(camera, shadows) {
+            let shadow = [off - nearer.half_width, off + nearer.half_width];
+            (shadow, f64::INFINITY)
+        });
+        if let Some(sight) = ball.seen(camera, shades.into_iter().chain(nearer)) {
             view.sights.push((*index, sight));
         }
     }
@@ -166,8 +171,11 @@ pub(super) fn sight(
     radius: f64,
 ) -> Option<Sight> {
     let ball = Ball::new(camera, place, 0.0, radius)?;
-    ball.seen(camera, ball.shadows(world, camera))
+    ball.seen(camera, ball.shades(world, camera))
 }
+
+/// Half widths of a ball that what covers its edge reaches from its middle.
+const BEYOND: f64 = 4.0;
 
 struct Ball {
     place: Point2<f64>,
@@ -191,10 +199,7 @@ impl Ball {
         let distance = to.norm();
         let azimuth = wrapped(to.y.atan2(to.x) - camera.heading);
         let seen = camera.mount.seen(azimuth, distance, above);
-        let (elevation, of_rows) = match camera.lens.projection() {
-            Projection::PinHole => (seen.z.atan2(seen.x), seen.xz().norm()),
-            Projection::EqualAngle => (seen.z.atan2(seen.xy().norm()), seen.norm()),
-        };
+        let (elevation, of_rows) = row_of(camera, &seen);
         let ball = Self {
             place,
             distance,
@@ -212,56 +217,97 @@ impl Ball {
         in_view.then_some(ball)
     }
 
-    /// Shadows of obstacles, relative to the bearing.
-    fn shadows(&self, world: &World, camera: &Camera) -> Vec<Shadow> {
-        let mut shadows = Vec::new();
+    /// Shadows of obstacles that fall on it, relative to the bearing, and the height up to which each is dark.
+    fn shades(&self, world: &World, camera: &Camera) -> Vec<Shade> {
+        let mut shades = Vec::new();
         let ahead: Vector2<f64> = (self.place - camera.place) / self.distance;
         let half_angle = half_width(self.distance, self.radius);
         for index in world.obstacles_near(camera.place, self.place, self.radius) {
-            world.obstacles[index].shadows(
-                camera.place,
+            world.obstacles[index].shades(
+                (camera.place, camera.mount.height),
                 ahead,
                 self.distance,
                 half_angle,
-                &mut shadows,
+                &mut shades,
             );
         }
+        shades.retain(|(_, dark)| *dark > self.above - self.radius);
         if camera.mount == Mount::LEVEL {
-            return shadows;
+            return shades;
         }
-        // Their edges pass through the ball's plane where the ball is.
+        // Their edges pass through the ball's plane where the ball is. What ends at the ball's edge goes on beyond it, which
+        // is farther away in a picture that is turned.
         let in_picture = |side: f64| {
+            let goes_on = side.abs() >= half_angle * (1.0 - 1e-9);
+            let side = if goes_on { BEYOND * side } else { side };
             let seen = camera
                 .mount
                 .seen(self.azimuth + side, self.distance, self.above);
             wrapped(seen.y.atan2(seen.x) - self.bearing)
         };
-        let turned = shadows.into_iter().map(|shadow| {
+        let turned = shades.into_iter().map(|(shadow, dark)| {
             let [a, b] = shadow.map(in_picture);
-            [a.min(b), a.max(b)]
+            ([a.min(b), a.max(b)], dark)
         });
         turned.collect()
     }
 
-    fn seen(&self, camera: &Camera, shadows: Vec<Shadow>) -> Option<Sight> {
+    /// Returns true if a shadow that is dark up to here leaves a part of the ball above it.
+    fn is_above(&self, dark: f64) -> bool {
+        dark < self.above + self.radius
+    }
+
+    /// The rows of the picture where a shadow hides it, as shares of the height: all of them, or those of its lower part.
+    fn dark_rows(&self, camera: &Camera, dark: f64) -> [f64; 2] {
+        if !self.is_above(dark) {
+            return [0.0, 1.0];
+        }
+        let row = |above: f64| {
+            let seen = camera.mount.seen(self.azimuth, self.distance, above);
+            let (elevation, _) = row_of(camera, &seen);
+            let lens = &camera.lens;
+            lens.outline(self.bearing, elevation, self.half_width, 0.0)
+                .top
+        };
+        // Below the ball nothing else is.
+        let [edge, below] = [dark, self.above - 2.0 * self.radius].map(row);
+        [edge.min(below), edge.max(below)]
+    }
+
+    fn seen(&self, camera: &Camera, shades: impl IntoIterator<Item = Shade>) -> Option<Sight> {
         let border = camera.lens.half_view_at(self.elevation);
         let whole = [
             (self.bearing - self.half_width).max(-border),
             (self.bearing + self.half_width).min(border),
         ];
-        let shadows = shadows
-            .into_iter()
-            .map(|shadow| shadow.map(|side| side + self.bearing))
-            .collect();
+        let (mut shadows, mut is_cut) = (Vec::new(), false);
+        for (shadow, dark) in shades {
+            let [right, left] = shadow.map(|side| side + self.bearing);
+            let is_before = right < whole[1] && left > whole[0];
+            is_cut |= is_before && self.is_above(dark);
+            // A part of which more than the middle is dark is not seen.
+            if dark >= self.above {
+                shadows.push([right, left]);
+            }
+        }
         let visible = without(whole, shadows);
         (!visible.is_empty()).then_some(Sight {
             distance: self.distance,
             bearing: self.bearing,
             half_width: self.half_width,
-            is_high_enough: self.elevation.abs() + self.half_height
-                <= camera.lens.half_height_at(self.bearing),
+            is_high_enough: !is_cut
+                && self.elevation.abs() + self.half_height
+                    <= camera.lens.half_height_at(self.bearing),
             visible,
         })
+    }
+}
+
+/// The angle of a direction off the middle row, and the distance from which the height of a ball there is seen.
+fn row_of(camera: &Camera, seen: &Vector3<f64>) -> (f64, f64) {
+    match camera.lens.projection() {
+        Projection::PinHole => (seen.z.atan2(seen.x), seen.xz().norm()),
+        Projection::EqualAngle => (seen.z.atan2(seen.xy().norm()), seen.norm()),
     }
 }
 

@@ -405,6 +405,20 @@ fn what_is_wrong_is_named() {
             ["camera.baud", "38400"],
         ),
         (
+            small(
+                "[camera]\nkind = \"pixy2\"\n[camera.faults]\nslow = 0.1",
+                TARGET,
+            ),
+            [
+                "faults.slow",
+                "`corrupt_line` alone for this kind of camera",
+            ],
+        ),
+        (
+            small("[[world.obstacle]]\nheight = 1.0", TARGET),
+            ["one `wall`, one `pillar` or one `block`", "line 2"],
+        ),
+        (
             small("[camera.faults]\ncorupt_line = 0.1", TARGET),
             ["camera.faults.corupt_line", "corrupt_line"],
         ),

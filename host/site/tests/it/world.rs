@@ -8,8 +8,8 @@ use nalgebra::{Point2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use site::world::{
-    Camera, Event, Gait, Mount, Obstacle, SensorErrors, StepSensor, Stride, Target, Time, Variant,
-    Walker, World,
+    Camera, Event, Gait, Mount, Obstacle, ObstacleShape, SensorErrors, StepSensor, Stride, Target,
+    Time, Variant, Walker, World,
 };
 
 const SECOND: Time = 1_000_000_000;
@@ -145,7 +145,9 @@ fn obstacles_clip() {
             (sight, packet(&world, 0))
         };
         let (whole, all) = look(vec![]);
-        let wall = |from: f64, to: f64, x: f64| Obstacle::Segment([p(x, from), p(x, to)]);
+        let wall = |from: f64, to: f64, x: f64| {
+            Obstacle::from(ObstacleShape::Segment([p(x, from), p(x, to)]))
+        };
         let (half, part) = look(vec![wall(0.0, 3.0, 1.0)]);
         let (all, part) = (all.unwrap(), part.unwrap());
         assert_eq!(all[0] + all[1], 87.0, "the ball is in the middle");
@@ -156,11 +158,108 @@ fn obstacles_clip() {
         // All of it, none of it.
         assert_eq!(look(vec![wall(-3.0, 3.0, 1.0)]), (None, None));
         assert_eq!(look(vec![wall(-3.0, 3.0, 2.5)]).1, Some(all));
-        let pillar = Obstacle::Disc {
+        let pillar = ObstacleShape::Disc {
             centre: p(1.0, 0.0),
             radius: 0.2,
         };
-        assert_eq!(look(vec![pillar]), (None, None));
+        assert_eq!(look(vec![pillar.into()]), (None, None));
+    }
+}
+
+/// A camera sees a ball over a wall if the straight line to the ball's lowest point passes above the wall's top; of a ball
+/// that is seen in part it sees the upper part.
+#[test]
+fn a_camera_looks_over_what_is_low() {
+    // From 1.5 above the ball, 4 before it, a wall 3 away. The line to the ball's lowest point passes 0.225 above its middle.
+    const TALLEST: f64 = 1.5 - (1.5 + 0.2) * 3.0 / 4.0;
+    let lens = Lens::new(60_f64.to_radians(), 88, 143).unwrap();
+    for roll in [0.0_f64, 30.0, 180.0] {
+        let camera = Camera {
+            place: p(0.0, 0.0),
+            heading: 0.0,
+            mount: Mount {
+                height: 1.5,
+                pitch: 20_f64.to_radians(),
+                roll: roll.to_radians(),
+            },
+            lens,
+            range: 9.0,
+            variant: Variant::Cmucam2,
+        };
+        let ball = Target {
+            place: p(4.0, 0.0),
+            above: 0.0,
+            radius: 0.2,
+            colour: [230, 105, 35],
+        };
+        let over = |top: f64, shape: ObstacleShape| {
+            let obstacle = Obstacle { shape, top };
+            let world = World::new(vec![camera], vec![obstacle], vec![ball]);
+            let view = world.look(0);
+            let covers = view.patches().iter().filter(|patch| patch.target.is_none());
+            (view.of(0).cloned(), covers.count(), world)
+        };
+        let wall = || ObstacleShape::Segment([p(3.0, -2.0), p(3.0, 2.0)]);
+        let (sight, covers, _) = over(TALLEST - 0.01, wall());
+        assert!(
+            sight.as_ref().unwrap().is_whole() && covers == 0,
+            "{roll}: {sight:?}"
+        );
+        // Its lower part is hidden.
+        let (sight, covers, world) = over(TALLEST + 0.03, wall());
+        let sight = sight.unwrap();
+        assert!(!sight.is_whole() && covers > 0, "{roll}");
+        assert!((sight.visible_share() - 1.0).abs() < 1e-9);
+        let view = world.look(0);
+        let [ball, cover, ..] = view.patches() else {
+            panic!("{:?}", view.patches());
+        };
+        let (top, bottom) = (ball.extent.top, ball.extent.bottom);
+        if roll == 180.0 {
+            assert!(cover.extent.top < top && (top..bottom).contains(&cover.extent.bottom));
+        } else {
+            assert!(cover.extent.bottom > bottom && (top..bottom).contains(&cover.extent.top));
+        }
+        // All but a cap is hidden, and all.
+        assert_eq!(over(TALLEST + 0.2, wall()).0, None);
+        assert_eq!(over(f64::INFINITY, wall()).0, None);
+        // The far edge of a cupboard hides what its near edge would not.
+        let block = |depth: f64| {
+            let [near, far] = [2.9, 2.9 + depth];
+            ObstacleShape::Polygon(vec![p(near, -2.0), p(far, -2.0), p(far, 2.0), p(near, 2.0)])
+        };
+        assert!(over(TALLEST, block(0.05)).0.unwrap().is_whole());
+        assert!(!over(TALLEST, block(0.3)).0.unwrap().is_whole());
+        let pillar = |x: f64| ObstacleShape::Disc {
+            centre: p(x, 0.0),
+            radius: 0.3,
+        };
+        assert!(over(TALLEST, pillar(2.6)).0.unwrap().is_whole());
+        assert!(!over(TALLEST, pillar(2.9)).0.unwrap().is_whole());
+    }
+    // A camera at the height of the ball sees nothing of what a wall of that height hides, and over a lower one all.
+    for (top, share) in [(-0.3, Some(1.0)), (0.25, None)] {
+        let camera = Camera {
+            place: p(0.0, 0.0),
+            heading: 0.0,
+            mount: Mount::LEVEL,
+            lens,
+            range: 9.0,
+            variant: Variant::Stage,
+        };
+        for variant in [Variant::Cmucam2, Variant::Stage] {
+            let wall = Obstacle {
+                shape: ObstacleShape::Segment([p(1.0, -2.0), p(1.0, 2.0)]),
+                top,
+            };
+            let camera = Camera { variant, ..camera };
+            let world = World::new(vec![camera], vec![wall], vec![self::ball(2.0, 0.0)]);
+            let seen = world
+                .look(0)
+                .of(0)
+                .map(|sight| sight.visible_share().round());
+            assert_eq!(seen, share, "{variant:?}");
+        }
     }
 }
 
@@ -204,7 +303,7 @@ fn the_index_finds_what_a_search_finds() {
         .collect();
     let walls = (0..40).map(|_| {
         let [x, y] = [(); 2].map(|()| random.random_range(0.0..60.0));
-        Obstacle::Segment([p(x, y), p(x + 1.0, y + 1.0)])
+        Obstacle::from(ObstacleShape::Segment([p(x, y), p(x + 1.0, y + 1.0)]))
     });
     let walls: Vec<_> = walls.collect();
     let mut world = World::new(cameras.clone(), walls.clone(), vec![ball(0.0, 0.0); 3]);

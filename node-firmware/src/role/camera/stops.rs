@@ -104,10 +104,18 @@ impl CameraRole {
     ) {
         let due = now + self.slot();
         let report = self.progress.report();
+        // The width of what is not round tells no size.
+        let seen = seen.filter(|_| sight == Sight::InView).map(|seen| {
+            if self.config.has_round_targets() {
+                seen
+            } else {
+                seen.wide(0.0)
+            }
+        });
         let answer = Message::Look(StopAnswer {
             stop,
             sight,
-            seen: seen.filter(|_| sight == Sight::InView),
+            seen,
             counted: report.sightings,
             done: report.done,
         });

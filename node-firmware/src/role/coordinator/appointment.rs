@@ -125,6 +125,7 @@ impl CoordinatorRole {
     /// These cameras are references no more, and there are none.
     fn on_dismissed(&mut self, now: Instant, former: Option<References>) {
         self.appointment.probe_at = None;
+        self.tasks.tell(ToPc::References(None));
         if let Some(references) = former {
             for camera in [references.first, references.second] {
                 self.notify(now, camera, MemberNotification::References);
@@ -174,6 +175,7 @@ impl CoordinatorRole {
         self.appointment.patience = PATIENCE;
         self.appointment.watch(now);
         self.unsaved.insert(FactKey::References);
+        self.tasks.tell(ToPc::References(Some(references)));
         // Former ones too.
         for references in former.into_iter().chain([references]) {
             self.notify(now, references.first, MemberNotification::References);

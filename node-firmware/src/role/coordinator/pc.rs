@@ -75,6 +75,9 @@ impl CoordinatorRole {
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellConflict);
                 self.tell_own_health();
+                if let Some(references) = self.appointment.references() {
+                    self.tasks.tell(ToPc::References(Some(references)));
+                }
             }
             FromPc::JoinWindow(seconds) => {
                 let time = Duration::from_secs(seconds.into());

@@ -198,7 +198,9 @@ fn the_first_two_cameras_that_see_a_target_are_the_references() {
         )),
     };
     let saved = Output::Save(Fact::References(Some(references)));
-    assert_eq!(outputs(&mut role, 43), [saved, told(5)]);
+    let line = ToPc::References(Some(references));
+    let line = Output::Task(CoordinatorTask::Tell(line));
+    assert_eq!(outputs(&mut role, 43), [saved, line, told(5)]);
     // The second one tells the first its sightings at once.
     assert_eq!(role.next_deadline(), Some(at(43) + FIRST_KNOWS));
     assert_eq!(outputs(&mut role, 44), [told(6)]);

@@ -3,20 +3,30 @@
 use core::time::Duration;
 
 use calib_core::{
-    Ray, Status,
+    Ray, Real, Status,
     intersection::StationBearing,
     tracking::{Look, OBJECTS, Settings, Tracker},
 };
 use zigbee_link::Instant;
 
 use crate::{
+    arithmetic::root,
     config::CoordinatorConfig,
     console::{ToPc, TrackedObject},
-    message::{MemberAddress, PoseParts, Report, Tracked},
+    message::{MemberAddress, Mount, PoseParts, Report, Seen, Tracked},
 };
 
 /// The PC is told of one object so often: ten times a second in all.
 const PERIOD: Duration = Duration::from_millis(100);
+
+/// Standard deviation of the height at which a ball is carried, metres.
+const HEIGHT_SIGMA: f32 = 0.1;
+/// Standard deviation of a camera's pitch, radians.
+const MOUNT_SIGMA: f32 = 0.01;
+/// A range by a row whose standard deviation is a larger share of it is none.
+const ROW_LIMIT: f32 = 0.2;
+/// Standard deviations within which size and row tell of one ball.
+const AGREE: f32 = 3.0;
 
 /// In microseconds.
 const MILLISECOND: u64 = 1_000;
@@ -27,6 +37,8 @@ pub(super) struct Tracking {
     tracker: Tracker<f32>,
     /// Radius of the objects, if it is known.
     radius: Option<f32>,
+    /// Standard deviation of the height at which they are carried, in the unit of the site.
+    height_sigma: f32,
     /// Numbers of objects that the PC was told of and that are not gone.
     told: heapless::Vec<u16, OBJECTS>,
     /// When the PC is told again, and of which object.
@@ -40,6 +52,7 @@ impl Tracking {
         Self {
             tracker: Tracker::new(Settings::WALKING),
             radius: None,
+            height_sigma: 0.0,
             told: heapless::Vec::new(),
             next: None,
             turn: 0,
@@ -53,6 +66,42 @@ impl Tracking {
         settings.radius = radius;
         self.tracker.follow(settings);
         self.radius = radius;
+        self.height_sigma = HEIGHT_SIGMA / config.metres_per_unit;
+    }
+
+    /// Distance along the floor to a ball of known radius, and its standard deviation: by its size, and, of a camera that is
+    /// not level, by the row in which it is seen. So one camera tells where a ball is that is carried at the height at which
+    /// the cameras were calibrated.
+    // for less stack
+    #[inline(never)]
+    fn range(&self, seen: &Seen, mount: Option<Mount>) -> Option<(f32, f32)> {
+        let radius = self.radius?;
+        // The camera turned it upright.
+        let (up, along) = Real::sine_cosine(seen.elevation.radians().unwrap_or(0.0_f32));
+        let by_size = seen
+            .range(radius)
+            .map(|(range, sigma)| (range * along, sigma * along));
+        let by_row = mount.and_then(|mount| {
+            let range = -mount.height * along / up;
+            let by_angle = (range * range + mount.height * mount.height) / mount.height;
+            let by_height = self.height_sigma * range / mount.height;
+            let angle = seen.sigma * seen.sigma + MOUNT_SIGMA * MOUNT_SIGMA;
+            let sigma = root(by_angle * by_angle * angle + by_height * by_height);
+            (range > 0.0 && sigma < ROW_LIMIT * range).then_some((range, sigma))
+        });
+        let (Some(size), Some(row)) = (by_size, by_row) else {
+            return by_size.or(by_row);
+        };
+        let variances = [size, row].map(|(_, sigma)| sigma * sigma);
+        let [of_size, of_row] = variances;
+        let both = of_size + of_row;
+        let apart = size.0 - row.0;
+        if apart * apart > AGREE * AGREE * both {
+            // It is carried higher or lower.
+            return by_size;
+        }
+        let range = (size.0 * of_row + row.0 * of_size) / both;
+        Some((range, root(of_size * of_row / both)))
     }
 
     /// Takes a camera's look. Only a camera that is sure of its pose tells the place of an object.
@@ -69,6 +118,7 @@ impl Tracking {
         let (Some(seen), Some(pose)) = (tracked.seen, pose.and_then(PoseParts::pose)) else {
             return;
         };
+        let mount = report.and_then(|report| report.mount);
         let age = u64::from(tracked.age_ms) * MILLISECOND;
         let look = Look {
             camera,
@@ -77,7 +127,7 @@ impl Tracking {
                 pose,
                 ray: Ray::from_bearing(seen.bearing),
                 bearing_sigma: seen.sigma,
-                range: self.radius.and_then(|radius| seen.range(radius)),
+                range: self.range(&seen, mount),
             },
             half_width: seen.half_angle(),
             is_wide: tracked.is_wide,
@@ -134,10 +184,12 @@ impl Tracking {
 
 #[cfg(test)]
 mod tests {
+    use calib_core::level::{Elevation, Mounting};
+
     use std::vec::Vec;
 
     use super::*;
-    use crate::message::{CameraState, Seen};
+    use crate::message::CameraState;
 
     /// Cameras with their positions and headings.
     const CAMERAS: [(u16, [f32; 2], f32); 3] = [
@@ -267,5 +319,86 @@ mod tests {
             }
             assert_eq!(tracking.take_due(at(now)), None);
         }
+    }
+
+    /// Direction of a ball `ahead` and `aside` of a camera that hangs `height` above it, as the camera turned it upright.
+    fn seen(ahead: f32, aside: f32, height: f32, half_width: f32) -> Seen {
+        let along = ahead.hypot(aside);
+        Seen::direction(aside.atan2(ahead), 0.001)
+            .above(Elevation::from_radians((-height).atan2(along)))
+            .wide(half_width)
+    }
+
+    fn mount(height: f32) -> Option<Mount> {
+        let mounting = Mounting {
+            pitch: 0.5,
+            roll: 0.02,
+        };
+        Mount::of(mounting, height)
+    }
+
+    fn tracking(ball_radius: f32) -> Tracking {
+        let mut tracking = Tracking::new();
+        tracking.configure(&CoordinatorConfig {
+            ball_radius,
+            ..CoordinatorConfig::default()
+        });
+        tracking
+    }
+
+    /// By its row alone where it is too far away to be measured; by its size, along the floor, where it is carried at another
+    /// height; by both, and surer, where they agree.
+    #[test]
+    fn one_camera_tells_how_far_away_a_ball_is() {
+        const BALL: f32 = 0.25;
+        let tracking = tracking(BALL);
+        for (ahead, aside, height) in [(3.0, 0.5, 1.5), (4.0, -1.0, 2.5), (5.0, 2.0, -2.0)] {
+            let along = f32::hypot(ahead, aside);
+            let far = seen(ahead, aside, height, 0.0);
+            let (range, of_row) = tracking.range(&far, mount(height)).unwrap();
+            assert!((range - along).abs() < 0.01, "{range} {along}");
+            assert!((0.02..0.2).contains(&(of_row / range)), "{of_row}");
+            // The height is wrong by one sigma, and so is the range.
+            let higher = seen(ahead, aside, height - 0.1, 0.0);
+            let (higher, _) = tracking.range(&higher, mount(height)).unwrap();
+            assert!(
+                (0.5..1.1).contains(&((higher - range).abs() / of_row)),
+                "{higher}"
+            );
+            // All that is known of a level camera is the size.
+            assert_eq!(tracking.range(&far, None), None);
+            let half_width = (BALL / along.hypot(height)).asin();
+            let near = seen(ahead, aside, height, half_width);
+            let (by_size, of_size) = tracking.range(&near, None).unwrap();
+            assert!((by_size - along).abs() < 0.02, "{by_size} {along}");
+            let (both, of_both) = tracking.range(&near, mount(height)).unwrap();
+            assert!((both - along).abs() < 0.02 && of_both < of_row.min(of_size));
+            // On the floor, a metre below.
+            let low = Seen {
+                elevation: seen(ahead, aside, height + 1.0, 0.0).elevation,
+                ..near
+            };
+            let (on_floor, _) = tracking.range(&low, mount(height)).unwrap();
+            assert_eq!(
+                Some(on_floor),
+                tracking.range(&low, None).map(|(range, _)| range)
+            );
+        }
+    }
+
+    /// A row near the horizon tells nothing, nor does a ball of which nothing is known.
+    #[test]
+    fn a_row_that_tells_nothing_tells_none() {
+        let far = seen(30.0, 0.0, 1.5, 0.0);
+        assert_eq!(tracking(0.1).range(&far, mount(1.5)), None);
+        // Above the horizon of a camera that hangs above it.
+        assert_eq!(
+            tracking(0.1).range(&seen(3.0, 0.0, -1.0, 0.0), mount(1.5)),
+            None
+        );
+        assert_eq!(
+            tracking(0.0).range(&seen(3.0, 0.0, 1.5, 0.0), mount(1.5)),
+            None
+        );
     }
 }

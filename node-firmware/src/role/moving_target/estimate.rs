@@ -33,6 +33,7 @@ use crate::{
 
 use super::{
     frame::{Arrival, Frame},
+    sizes::{self, Radius, Sizes},
     table::{CameraEntry, Table},
 };
 
@@ -83,6 +84,9 @@ const HANGS: f32 = 12.0;
 /// calibrated poses of the campaign 115 hang on a single measurement beside two or more of these, and 21 of them
 /// deceived.
 const SEVERAL: usize = 2;
+
+/// Further bearings of a camera that had a pose, and has none with them, by which that pose is doubtful.
+const CONTRADICTING: usize = 2;
 
 /// Some of the cameras.
 type CameraSet = DirtySet<{ CAMERAS.div_ceil(u32::BITS as usize) }>;
@@ -184,6 +188,7 @@ pub(super) struct Estimate<'m> {
     sensor: Option<(f32, f32)>,
     /// There is something that the last solve did not have.
     pub(super) is_new: bool,
+    sizes: Sizes,
 }
 
 impl<'m> Estimate<'m> {
@@ -215,6 +220,7 @@ impl<'m> Estimate<'m> {
             failed: heapless::Vec::new(),
             sensor: None,
             is_new: false,
+            sizes: Sizes::default(),
         })
     }
 
@@ -244,6 +250,7 @@ impl<'m> Estimate<'m> {
         if self.index(stop).is_none_or(is_known) {
             return;
         }
+        self.sizes.on_seen(camera, stop, seen);
         // No measurement makes room for a camera that finds none.
         let Some(camera) = self.number(camera) else {
             return;
@@ -658,13 +665,26 @@ impl<'m> Estimate<'m> {
         let hung = [0, 1].map(|reference| self.estimator.levelness(reference, inflation));
         let is_frame_refused = { hung.iter().flatten() }.any(Levelness::is_refused);
         let frame = frame.hung(hung.map(|found| found.map_or(0.0, |found| found.shift_variance)));
+        let radii = self.radii(inflation);
         let again = core::mem::take(&mut self.again);
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
             let Some(mut report) = self.report(camera, &frame, solution, is_frame_refused) else {
+                self.doubt_without_pose(camera);
                 continue;
             };
+            let is_off = sizes::is_off(&radii, camera, sizes::WRONG);
+            if let Some(pose) = report.pose().copied().filter(|_| is_off) {
+                report.state = CameraState::Doubtful(pose);
+            }
+            if let CameraState::Weak(parts) = report.state
+                && camera >= REFERENCES
+                && let Some(elsewhere) = self.upside_down(camera, &radii, inflation)
+                && let Some(pose) = parts.pose()
+            {
+                report.state = CameraState::Weak(either(pose, frame.place(elsewhere)).into());
+            }
             if !is_believed {
                 let holds = self
                     .cameras
@@ -720,6 +740,77 @@ impl<'m> Estimate<'m> {
             frame_heading,
             scale,
         })
+    }
+
+    /// A camera that had a pose has none any more: with what came since, its bearings fit none.
+    fn doubt_without_pose(&mut self, camera: usize) {
+        let [came, _] = self.estimator.bearings_of(camera);
+        let is_known = { self.cameras.get(camera) }.is_some_and(|of| !of.is_successor);
+        let Some(told) = self.told.get_mut(camera).and_then(Option::as_mut) else {
+            return;
+        };
+        if let Some(pose) = told.pose().copied()
+            && told.status() != Status::Doubtful
+            && is_known
+            && came >= usize::from(told.sightings) + CONTRADICTING
+        {
+            told.state = CameraState::Doubtful(pose);
+            told.sightings = came.try_into().unwrap_or(u8::MAX);
+            self.news.mark(camera);
+        }
+    }
+
+    /// Radius of the ball by the pose of each camera. A camera that was moved has none.
+    // for less stack
+    #[inline(never)]
+    fn radii(&mut self, inflation: f32) -> heapless::Vec<Option<Radius>, CAMERAS> {
+        let mut radii = heapless::Vec::new();
+        for camera in 0..self.cameras.len() {
+            let radius = self.radius(camera, inflation);
+            let has_room = radii.push(radius);
+            debug_assert!(has_room.is_ok(), "it has room for all");
+        }
+        radii
+    }
+
+    // for less stack
+    #[inline(never)]
+    fn radius(&mut self, camera: usize, inflation: f32) -> Option<Radius> {
+        let pose = self.estimator.pose(camera).ok()?;
+        let hung = self.estimator.levelness(camera, inflation);
+        let mount = hung.and_then(|hung| Mount::of(hung.mounting, hung.height));
+        let sigma = pose.sigma_position() * root(inflation);
+        self.radius_from(camera, (pose.position, sigma), mount)
+    }
+
+    /// Radius of the ball by a camera if it stands here, `sigma` in its place.
+    fn radius_from(
+        &self,
+        camera: usize,
+        stands: (Point2<f32>, f32),
+        mount: Option<Mount>,
+    ) -> Option<Radius> {
+        let of = self.cameras.get(camera).filter(|of| !of.is_successor)?;
+        let is_moved = successor(&self.estimator, camera).is_some();
+        let place = |stop| self.estimator.position(self.index(stop)?);
+        (!is_moved).then(|| self.sizes.radius(of.address, stands, mount, place))?
+    }
+
+    /// Place where a camera would stand if it hung upside down: its bearings fit there as well, and so does the size of the
+    /// ball.
+    // for less stack
+    #[inline(never)]
+    fn upside_down(
+        &mut self,
+        camera: usize,
+        radii: &heapless::Vec<Option<Radius>, CAMERAS>,
+        inflation: f32,
+    ) -> Option<Point2<f32>> {
+        let elsewhere = self.estimator.mirrored(camera)?;
+        let sigma = self.estimator.pose(camera).ok()?.sigma_position() * root(inflation);
+        let mut radii = radii.clone();
+        *radii.get_mut(camera)? = self.radius_from(camera, (elsewhere, sigma), None);
+        (!sizes::is_off(&radii, camera, sizes::UNLIKELY)).then_some(elsewhere)
     }
 
     /// Agreement of the poses that cameras hold with the estimate.
@@ -874,6 +965,7 @@ impl<'m> Estimate<'m> {
         self.rejected = None;
         self.failed.clear();
         self.is_new = false;
+        self.sizes.clear();
     }
 }
 
@@ -883,6 +975,14 @@ fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
     let report = entry.report.filter(|report| report.joint.is_some())?;
     let is_good = report.status() != Status::Doubtful;
     report.pose().filter(|_| is_good)?.pose()
+}
+
+/// A pose as wide as it is unsure if a camera may as well stand elsewhere, upside down: then nothing is known of its heading.
+fn either(mut pose: Pose<f32>, elsewhere: Point2<f32>) -> Pose<f32> {
+    let half = (elsewhere - pose.position) * 0.5;
+    let off = half.push(1.0);
+    pose.covariance += Matrix3::from_diagonal(&off.component_mul(&off));
+    pose
 }
 
 fn prior((mean, sigma): (f32, f32)) -> Prior<f32> {

@@ -21,6 +21,7 @@ mod estimate;
 mod frame;
 mod history;
 mod place;
+mod sizes;
 mod table;
 #[cfg(test)]
 mod tests;
