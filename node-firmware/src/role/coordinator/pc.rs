@@ -75,8 +75,8 @@ impl CoordinatorRole {
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellConflict);
                 self.tell_own_health();
-                if let Some(references) = self.appointment.references() {
-                    self.tasks.tell(ToPc::References(Some(references)));
+                if self.appointment.references().is_some() {
+                    self.tell_elected();
                 }
             }
             FromPc::JoinWindow(seconds) => {
