@@ -116,13 +116,13 @@ const ROLES: [Role; 3] = [
     },
     Role {
         name: "coordinator",
-        flash: 133 << 10,
+        flash: 134 << 10,
         ram: 53 << 10,
     },
     Role {
         name: "target",
-        flash: 208 << 10,
-        ram: 152 << 10,
+        flash: 213 << 10,
+        ram: 153 << 10,
     },
 ];
 
