@@ -18,8 +18,11 @@ use crate::{
 
 /// Times that the legs' noise is estimated in a round, at most.
 const LEG_NOISE_ROUNDS: u8 = 4;
-/// The most by which all legs may err more than they claim, for a start.
-const LOOSEST: f64 = 2.0;
+/// Factors by which all legs may err more than they claim, for a start. The first one that serves is taken: the legs'
+/// noise is estimated after it.
+const LOOSE: [f64; 5] = [1.0, 2.0, 8.0, 32.0, 128.0];
+/// Of these the first ones also try a few stops at a time, where a single leg may be wrong.
+const TRIED_IN_PARTS: usize = 2;
 
 /// Tasks of a round once it has solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,6 +60,10 @@ pub(super) struct Work<T: Real> {
     mounting_rounds: u8,
     /// The one of [`PITCHES`] from which the references began.
     steep: usize,
+    /// The one of [`LOOSE`] with which they began.
+    loose: usize,
+    /// Reason why legs that err as they claim give no start.
+    why: Option<Refusal>,
     /// The finding that was left out before the solve that is under way.
     found: Option<Finding<T>>,
     /// Result of the last solve.
@@ -82,6 +89,8 @@ impl<T: Real> Work<T> {
             leg_noise_rounds: 0,
             mounting_rounds: 0,
             steep: 0,
+            loose: 0,
+            why: None,
             found: None,
             solved: Err(Refusal::TooFew),
         }
@@ -101,9 +110,18 @@ impl<T: Real> Work<T> {
         self.stage = if problem.common.is_started {
             Stage::Settling(problem.begin_settling())
         } else {
-            problem.common.leg_factor = T::one();
-            Stage::Starting(problem.begin_starting())
+            self.start(problem, 0)
         };
+    }
+
+    /// A start with legs that may err by this one of [`LOOSE`].
+    fn start(&mut self, problem: &mut Problem<'_, T>, loose: usize) -> Stage<T> {
+        self.loose = loose;
+        if loose == 0 {
+            self.why = None;
+        }
+        problem.common.leg_factor = lit(LOOSE.get(loose).copied().unwrap_or(1.0));
+        Stage::Starting(problem.begin_starting(loose < TRIED_IN_PARTS))
     }
 
     /// The same without solving first.
@@ -132,7 +150,7 @@ impl<T: Real> Work<T> {
         self.mounting_rounds = MOUNTING_ROUNDS;
         // If no start is found, the next round begins with one.
         problem.common.is_started = false;
-        self.stage = Stage::Starting(problem.begin_starting());
+        self.stage = self.start(problem, 0);
         true
     }
 
@@ -157,18 +175,19 @@ impl<T: Real> Work<T> {
                         Refusal::DidNotConverge,
                         Refusal::TargetBehind,
                     ];
-                    if contradicts.contains(&why) {
-                        // All legs may err more than they claim.
-                        problem.common.leg_factor *= lit(2.0);
-                        if problem.common.leg_factor <= lit(LOOSEST) {
-                            self.stage = Stage::Starting(problem.begin_starting());
-                            return Ok(Progress::Working);
-                        }
-                        problem.common.leg_factor = T::one();
-                        if self.begin_steeper(problem) {
-                            return Ok(Progress::Working);
-                        }
+                    let why = *self.why.get_or_insert(why);
+                    let contradicts = contradicts.contains(&why);
+                    // Claims that are far too small may hide every answer but wrong ones, which are alike.
+                    let may_be_loose = contradicts || why == Refusal::Undetermined;
+                    let loose = self.loose + 1;
+                    if may_be_loose && loose < LOOSE.len() {
+                        self.stage = self.start(problem, loose);
+                        return Ok(Progress::Working);
                     }
+                    if contradicts && self.begin_steeper(problem) {
+                        return Ok(Progress::Working);
+                    }
+                    problem.common.leg_factor = T::one();
                     problem.pitch_references(T::zero());
                     Err(JointError::Start(why))
                 }

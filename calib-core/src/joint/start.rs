@@ -51,6 +51,8 @@ struct Start<T: Real> {
 pub(super) struct Starting<T: Real> {
     /// The first stop of those that are tried alone; none yet while all are.
     window: Option<usize>,
+    /// A few stops are tried alone.
+    in_parts: bool,
     /// The one of [`TAKEN`] that is tried.
     taken: usize,
     trial: Trial,
@@ -83,13 +85,14 @@ impl<T: Real> Problem<'_, T> {
     /// Headings of the references, and places of all stops: from all common sightings of both references or,
     /// if these contradict each other, from any few stops in a row that agree. Faults elsewhere are then
     /// found by the search for contradictions.
-    pub(super) fn begin_starting(&mut self) -> Starting<T> {
+    pub(super) fn begin_starting(&mut self, in_parts: bool) -> Starting<T> {
         for camera in self.cameras.iter_mut() {
             camera.takes_part = false;
         }
         self.common.window = ALL;
         Starting {
             window: None,
+            in_parts,
             taken: 0,
             trial: Trial::Proposing,
             best: Start {
@@ -141,7 +144,7 @@ impl<T: Real> Problem<'_, T> {
             None => {
                 starting.why = failure;
                 let contradicts = [Refusal::Inconsistent, Refusal::DidNotConverge];
-                if contradicts.contains(&failure) {
+                if starting.in_parts && contradicts.contains(&failure) {
                     0
                 } else {
                     self.stops.len()

@@ -306,8 +306,11 @@ impl CameraRole {
                 pose.covariance[0] + pose.covariance[2]
             })
         };
-        // A target that began anew, or another one, may know less than the camera does.
-        let knows_less = variance(solved) > LESS * variance(&report);
+        // A target that began anew, or another one, may know less than the camera does. Where the same one has as many
+        // sightings or more, it has learnt that its steps err by more than it believed.
+        let is_same_or_more =
+            self.solved_by.is_none_or(|by| by == from) && solved.used >= report.used;
+        let knows_less = !is_same_or_more && variance(solved) > LESS * variance(&report);
         let is_calibrated = report.status() == Status::Calibrated;
         let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
         let is_trusted =
@@ -362,7 +365,8 @@ impl CameraRole {
                     .is_some_and(|level| level.is_tolerated(&limits));
                 let [counting, all] = [solved.used, solved.sightings].map(usize::from);
                 let state = solved.state.judged_again(&limits, solved.is_tested());
-                state.supported(counting, all, is_checked)
+                let state = state.supported(counting, all, is_checked);
+                self.stuck(state, solved.joint)
             }
         };
         let state = match state {

@@ -16,8 +16,8 @@ use crate::{
     facts::KeptSighting,
     message::{
         CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame, Duty, Eye,
-        MemberAddress, Message, Mount, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber,
-        Stopped,
+        MemberAddress, Message, Mount, ProtectionLevel, Report, Seen, Sight, StopAnswer,
+        StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
     vision::Subject,
@@ -30,7 +30,7 @@ const WATCH_SIGMAS: f32 = 6.0;
 const MISSES: u8 = 2;
 
 /// A picture that repeated itself so often does not change: by chance it does once in 10,000 looks.
-const STUCK: u8 = 2;
+pub(super) const STUCK: u8 = 2;
 
 /// Share of the half field of view within which the whole target is in view, in spite of the pose's error.
 const WELL_INSIDE: f32 = 0.8;
@@ -153,9 +153,13 @@ impl CameraRole {
         let before = last.map(|last| last.sight);
         // A camera that is stuck would be believed until two others contradict it.
         let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
+        let stuck = self.looks.is_stuck();
         let sight = if repeats >= STUCK {
             self.on_eye(now, Eye::Failed);
             Sight::Failed
+        } else if repeats > 0 {
+            // One sighting in a hundred is lost so, and no second wrong one is believed.
+            Sight::Unsteady
         } else {
             if picture.is_some() && self.health.camera != Eye::Blind {
                 self.on_eye(now, Eye::Sees);
@@ -185,8 +189,36 @@ impl CameraRole {
             repeats,
             unconfirmed: seen.map(|_| Unconfirmed::new(now + self.slot())),
         });
+        if self.looks.is_stuck() != stuck {
+            self.judge_stuck(now);
+        }
         if !is_known {
             self.answer(now, target, stopped.stop, sight, seen);
+        }
+    }
+
+    /// The picture does not change any more, or changes again: the last sighting before that was noticed may be wrong.
+    /// Where one wrong sighting may do harm, the pose is weak until then.
+    // for less stack
+    #[inline(never)]
+    fn judge_stuck(&mut self, now: Instant) {
+        let report = *self.progress.report();
+        if report.joint.is_some() && report.duty.is_none() {
+            let limits = self.config.weak.limits();
+            let state = { report.state }.judged_again(&limits, report.is_tested());
+            let state = self.stuck(state, report.joint);
+            self.update(now, Report { state, ..report });
+        }
+    }
+
+    /// A state whose pose is weak at best if the camera's picture does not change, unless the pose is checked.
+    pub(super) fn stuck(&self, state: CameraState, joint: Option<ProtectionLevel>) -> CameraState {
+        let limits = self.config.weak.limits();
+        let is_checked = joint.is_some_and(|level| level.is_tolerated(&limits));
+        if self.looks.is_stuck() && !is_checked {
+            state.untested()
+        } else {
+            state
         }
     }
 

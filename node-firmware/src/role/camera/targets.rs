@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use zigbee_link::Instant;
 
+use super::stops::STUCK;
 use crate::{
     limits::TARGETS,
     message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber, Stopped},
@@ -227,6 +228,11 @@ impl LastLooks {
                 _ => 0,
             }
         })
+    }
+
+    /// Returns true if the picture did not change though a target moved.
+    pub(super) fn is_stuck(&self) -> bool {
+        self.looks.iter().any(|look| look.repeats >= STUCK)
     }
 
     /// The last stop of each target.

@@ -1121,14 +1121,14 @@ fn seen_when(camera: &mut CameraRole, stopped: Stopped, bearing: f32) -> StopAns
     look.unwrap()
 }
 
-/// A picture that does not change though the target moves twice is not believed; one that changes again
-/// is. Once may be chance.
+/// A picture that does not change though the target moves is not believed; one that changes again is. Only the second
+/// time it is no chance.
 #[test]
 fn a_camera_that_is_stuck_says_that_it_failed() {
     let mut camera = camera(4);
     for (stop, x, bearing, sight) in [
         (1, 1.0, 0.1, Sight::InView),
-        (2, 2.0, 0.1, Sight::InView),
+        (2, 2.0, 0.1, Sight::Unsteady),
         (3, 3.0, 0.1, Sight::Failed),
         (4, 4.0, 0.2, Sight::InView),
         // The same place.
@@ -1171,7 +1171,7 @@ fn who_does_not_know_where_it_is_may_stand_where_it_stood() {
         stop += 1;
         look(stop, CoordinateFrame::Site, 6, x)
     });
-    assert_eq!(sights, [Sight::InView, Sight::Failed]);
+    assert_eq!(sights, [Sight::Unsteady, Sight::Failed]);
 }
 
 /// A camera at the origin that looks along x, as a target solved it.
@@ -1307,6 +1307,67 @@ fn a_camera_of_a_given_place_that_was_turned_is_doubtful() {
     ] {
         let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
         assert_eq!(camera.report().status(), Status::Doubtful);
+    }
+}
+
+/// The target that solved a pose learns from further stops that its steps err by more than it believed: its newer pose
+/// is less certain, and counts. One of another target, or of fewer sightings, does not.
+#[test]
+fn a_less_certain_pose_counts_where_more_is_known() {
+    let wide = |used| {
+        let report = report_of([0.03, 0.0], 0.0);
+        let mut pose = *report.pose().unwrap();
+        pose.covariance = [4e-4, 0.0, 4e-4, 0.0, 0.0, 4e-5];
+        Report {
+            used,
+            state: CameraState::Weak(pose),
+            ..report
+        }
+    };
+    for (from, used, x) in [
+        (TARGET, 9, 0.03),
+        (TARGET, 12, 0.03),
+        (TARGET, 8, 0.0),
+        (ShortAddress(TARGET.0 + 1), 12, 0.0),
+    ] {
+        let mut camera = told();
+        camera.on_message(at(300), from, &Message::Posed(wide(used)));
+        let report = camera.report();
+        assert_eq!(report.pose().unwrap().position, [x, 0.0], "{from:?} {used}");
+        assert_eq!(report.status(), Status::Calibrated);
+    }
+}
+
+/// The last sighting before a picture stops to change may be wrong. Where one such may do harm, the pose is weak until
+/// the picture changes again.
+#[test]
+fn a_pose_that_is_not_checked_is_weak_while_the_camera_is_stuck() {
+    for (level, stuck) in [(0.1, Status::Calibrated), (9.0, Status::Weak)] {
+        let told = |camera: &mut CameraRole, now| {
+            let mut report = report_of([0.0, 0.0], 0.0);
+            report.joint = Some(ProtectionLevel {
+                position: level,
+                heading: 0.01,
+            });
+            camera.on_message(at(now), TARGET, &Message::Posed(report));
+        };
+        let mut camera = camera(4);
+        for (stop, x, bearing, status) in [
+            (1, 4.0, 0.1, Status::Calibrated),
+            (2, 5.0, 0.1, Status::Calibrated),
+            (3, 6.0, 0.1, stuck),
+            (4, 7.0, 0.057, Status::Calibrated),
+        ] {
+            let _ = seen_at(&mut camera, stop, [x, 0.4], bearing);
+            if stop == 1 {
+                told(&mut camera, 115);
+            }
+            assert_eq!(camera.report().status(), status, "{stop}");
+            if stop == 3 {
+                told(&mut camera, 135);
+                assert_eq!(camera.report().status(), stuck);
+            }
+        }
     }
 }
 

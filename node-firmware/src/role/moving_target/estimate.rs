@@ -671,7 +671,9 @@ impl<'m> Estimate<'m> {
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
             let Some(mut report) = self.report(camera, &frame, solution, is_frame_refused) else {
-                self.doubt_without_pose(camera);
+                if is_believed {
+                    self.doubt_without_pose(camera);
+                }
                 continue;
             };
             let is_off = sizes::is_off(&radii, camera, sizes::WRONG);

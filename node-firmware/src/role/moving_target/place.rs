@@ -356,6 +356,10 @@ impl TargetRole<'_> {
         if let Some(heading) = self.frame_heading
             && (is_checked || agrees == Some(true))
         {
+            // Only the first target hears this of the references.
+            if let Some(estimate) = &mut self.estimate {
+                estimate.on_sensor(heading.0, heading.1);
+            }
             let systematic = systematic(&self.config, heading.1);
             self.fix(
                 now,
