@@ -90,20 +90,33 @@ pub fn bumped_unseen(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
         let index = ids.iter().position(|id| *id == node);
         let since = stops_after(&told, at_s);
         index.is_none_or(|index| {
-            let seen = since
-                .iter()
-                .filter(|stop| is_in_view(&world, index, radius, **stop));
+            let seen = { since.iter() }.filter(|(seconds, stop)| {
+                is_in_view(&world, index, radius, *stop) && !is_blind(scenario, node, *seconds)
+            });
             seen.count() < NOTICED_AFTER
         })
     });
     unseen.map(|(node, _)| node).collect()
 }
 
-/// The stops that targets told of after a time.
-fn stops_after(told: &RunRecord, since_s: f64) -> Vec<Point2<f64>> {
+/// Returns true if a camera sees nothing at this time, or no picture but an old one.
+fn is_blind(scenario: &Scenario, camera: u16, seconds: f64) -> bool {
+    scenario.events.iter().any(|event| match event.action {
+        Action::UnplugCamera { node, for_s, .. } | Action::StickCamera { node, for_s } => {
+            node == camera && (event.at_s..event.at_s + for_s).contains(&seconds)
+        }
+        _ => false,
+    })
+}
+
+/// The stops that targets told of after a time, in seconds.
+fn stops_after(told: &RunRecord, since_s: f64) -> Vec<(f64, Point2<f64>)> {
     let stops = told.targets.iter().flat_map(|target| &target.stops);
-    let after = stops.filter(|stop| stop.seconds.is_some_and(|at| at > since_s));
-    after.map(|stop| Point2::new(stop.x, stop.y)).collect()
+    let after = stops.filter_map(|stop| {
+        let seconds = stop.seconds.filter(|at| *at > since_s)?;
+        Some((seconds, Point2::new(stop.x, stop.y)))
+    });
+    after.collect()
 }
 
 fn radius(world: &World) -> f64 {
@@ -122,7 +135,9 @@ pub fn well_served(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
     let broken: BTreeSet<u16> = { scenario.events.iter() }
         .filter_map(|event| broken_for_good(event, end_s))
         .collect();
-    let calm = stops_after(&told, since_s);
+    let calm: Vec<_> = { stops_after(&told, since_s).into_iter() }
+        .map(|(_, stop)| stop)
+        .collect();
     let radius = radius(&world);
     let served = (0..).zip(ids).filter(|&(index, id)| {
         !broken.contains(&id) && sees_enough(&world, index, radius, &calm, &record.limits)

@@ -112,6 +112,18 @@ fn open_faults_still_deceive() {
     }
 }
 
+/// Two targets walk, and nothing goes wrong. The second one, of which the references told no place, estimates as the first
+/// one does: else its steps add up, and all cameras doubt the poses that contradict it.
+#[test]
+fn no_camera_doubts_for_a_second_target() {
+    let mut scenario = scenario::draw(1, 141, Draw::default());
+    scenario.events.clear();
+    let record = record(&scenario);
+    let calibrated = record.cameras().filter(|camera| camera.is_calibrated());
+    assert!(calibrated.count() >= 14);
+    assert_eq!(record.cameras().count(), 15);
+}
+
 #[test]
 fn a_written_scenario_runs_as_the_drawn_one() {
     let drawn = scenario::draw(1, 3, Draw::Daily);
