@@ -354,7 +354,9 @@ impl CameraRole {
         self.is_watched_doubtful &= is_same || self.was_moved;
         if !self.is_watched_doubtful {
             self.misses = 0;
+            self.missed = 0.0;
         }
+        self.is_told_doubtful = solved.status() == Status::Doubtful;
         // The camera sees through another lens than all believe: its own result counts.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
             Some(state) if report.duty.is_none() && solved.mount.is_none() => state,

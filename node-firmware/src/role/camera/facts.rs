@@ -122,7 +122,9 @@ impl CameraRole {
         self.has_forgotten = true;
         self.calibration.clear();
         self.misses = 0;
+        self.missed = 0.0;
         self.is_watched_doubtful = false;
+        self.is_told_doubtful = false;
         self.was_moved = false;
         for index in 0..SIGHTINGS {
             self.unsaved.insert(sighting(index));

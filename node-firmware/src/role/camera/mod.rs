@@ -165,8 +165,12 @@ pub struct CameraRole {
     target_seen: bool,
     /// Bearings that did not fit the pose, less those since that did.
     misses: u8,
-    /// They alone make the pose doubtful.
+    /// The one of these that was farthest off, radians.
+    missed: f32,
+    /// They make the pose doubtful.
     is_watched_doubtful: bool,
+    /// The target that solved the pose doubts it, too.
+    is_told_doubtful: bool,
     /// It looks elsewhere than it did, and stood at a place that it was given: its place is not known now.
     was_moved: bool,
     /// It was told to forget its pose and has seen no target since: targets know what it forgot.
@@ -202,7 +206,9 @@ impl CameraRole {
             light: Light::new(),
             target_seen: false,
             misses: 0,
+            missed: 0.0,
             is_watched_doubtful: false,
+            is_told_doubtful: false,
             was_moved: false,
             has_forgotten: false,
             calibration: Calibration::new(),

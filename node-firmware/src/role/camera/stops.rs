@@ -337,7 +337,8 @@ impl CameraRole {
 
     /// Compares a bearing of a target that knows its place with the pose that this camera has been told, or
     /// solved as a reference. If two more bearings are off than fit, the pose is doubtful until as many fit:
-    /// the camera was moved, or the target is not where it believes.
+    /// the camera was moved, or the target is not where it believes. The doubt of the target that solved the pose is
+    /// ended by that target alone.
     // for less stack
     #[inline(never)]
     fn watch(&mut self, now: Instant, place: &Place<f32>, seen: Seen) {
@@ -362,16 +363,25 @@ impl CameraRole {
             + 2.0 * (across.x * c.m13 + across.y * c.m23)
             + c.m33;
         let off = angle::wrap_signed(off_heading(&pose, &to_target) - seen.bearing);
-        let is_off = off * off > variance * (WATCH_SIGMAS * WATCH_SIGMAS);
-        self.misses = if is_off {
-            (self.misses + 1).min(MISSES + 1)
-        } else {
-            self.misses.saturating_sub(1)
-        };
+        let gate2 = variance * (WATCH_SIGMAS * WATCH_SIGMAS);
+        if off * off > gate2 {
+            self.misses = (self.misses + 1).min(MISSES + 1);
+            self.missed = self.missed.max(off.abs());
+        } else if gate2 <= 4.0 * self.missed * self.missed {
+            // Where the target is less sure of its place than that, any pose would fit.
+            self.misses = self.misses.saturating_sub(1);
+        }
+        if self.misses == 0 {
+            self.missed = 0.0;
+        }
         let state = if self.misses >= MISSES && report.status() == Status::Calibrated {
             self.is_watched_doubtful = true;
             CameraState::Doubtful(held)
-        } else if self.misses == 0 && self.is_watched_doubtful && !self.was_moved {
+        } else if self.misses == 0
+            && self.is_watched_doubtful
+            && !self.was_moved
+            && !self.is_told_doubtful
+        {
             self.is_watched_doubtful = false;
             CameraState::Weak(held).judged_again(&self.config.weak.limits(), report.is_tested())
         } else {

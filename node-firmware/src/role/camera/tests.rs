@@ -1256,6 +1256,52 @@ fn a_camera_that_no_longer_fits_is_doubtful_after_two_sightings() {
     }
 }
 
+/// A target that doubts a pose, or is hardly sure of its place, ends no doubt by being seen.
+#[test]
+fn a_doubt_ends_with_what_tells_something() {
+    let far = 0.3;
+    let unsure = |stop| {
+        let systematic = Systematic {
+            heading_sigma: 0.0,
+            scale_sigma: 0.0,
+        };
+        let track = Track::start(Point2::new(4.0, 0.5), Matrix2::identity(), systematic);
+        Stopped {
+            stop,
+            colour: 0,
+            frame: CoordinateFrame::Site,
+            place: track.unwrap().place(0.0).unwrap(),
+        }
+    };
+    let doubted = |by_target| {
+        let mut camera = told();
+        for (stop, y, bearing) in [(20, 0.5, 0.125 + far), (21, 0.6, 0.15 + far)] {
+            let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
+        }
+        assert_eq!(camera.report().status(), Status::Doubtful);
+        if by_target {
+            let mut report = report_of([0.0, 0.0], 0.0);
+            report.state = CameraState::Doubtful(*report.pose().unwrap());
+            camera.on_message(at(320), TARGET, &Message::Posed(report));
+        }
+        camera
+    };
+    for (by_target, is_sure, status) in [
+        (false, true, Status::Calibrated),
+        (false, false, Status::Doubtful),
+        (true, true, Status::Doubtful),
+    ] {
+        let mut camera = doubted(by_target);
+        for (stop, bearing) in [(23, 0.124), (24, 0.125), (25, 0.126), (26, 0.127)] {
+            let _ = match is_sure {
+                true => seen_at(&mut camera, stop, [4.0, 4.0 * bearing], bearing),
+                false => seen_when(&mut camera, unsure(stop), bearing),
+            };
+        }
+        assert_eq!(camera.report().status(), status, "{by_target} {is_sure}");
+    }
+}
+
 /// The solver may leave out the bearings that do not fit. The camera does not.
 #[test]
 fn a_pose_that_no_longer_fits_is_not_good_for_being_told_again() {

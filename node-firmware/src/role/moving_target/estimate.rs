@@ -457,7 +457,7 @@ impl<'m> Estimate<'m> {
         let Some(frame) = Frame::between(references, self.arrival.as_ref()) else {
             return;
         };
-        let frame = frame.surveyed(&config.survey_sigma);
+        let frame = frame.surveyed(&config.survey_sigma, config.systematic_scale);
         if self.frame == Some(frame) {
             return;
         }
@@ -665,6 +665,7 @@ impl<'m> Estimate<'m> {
         let hung = [0, 1].map(|reference| self.estimator.levelness(reference, inflation));
         let is_frame_refused = { hung.iter().flatten() }.any(Levelness::is_refused);
         let frame = frame.hung(hung.map(|found| found.map_or(0.0, |found| found.shift_variance)));
+        let frame = frame.tested_by(carrier.scale);
         let radii = self.radii(inflation);
         let again = core::mem::take(&mut self.again);
         let last = self.estimator.stops().checked_sub(1)?;

@@ -17,6 +17,9 @@ use crate::{
 const BASELINE_SHARE: f32 = 0.05;
 /// It was given, not measured, if it is known to this share.
 const EXACT_SHARE: f32 = 1e-3;
+/// The carrier's steps contradict the baseline beyond so many standard deviations of both. From twice as many on one of
+/// them is taken to be as wrong as they are apart.
+const APART: f32 = 2.0;
 
 /// State that a target brings along from another network: its place at a first stop here, the direction of
 /// its steps, and their scale.
@@ -71,6 +74,8 @@ pub(super) struct Frame {
     errors: Errors,
     /// Sigmas of the places that were given to references.
     survey: SurveySigma,
+    /// Standard deviation of the scale of the carrier's steps, as it was told.
+    steps: f32,
     /// Variances of their places by pitches that are not known exactly.
     hung: [f32; 2],
 }
@@ -129,19 +134,39 @@ impl Frame {
                 Errors::References(sigmas)
             },
             survey: SurveySigma::EXACT,
+            steps: f32::INFINITY,
             hung: [0.0; 2],
         })
     }
 
-    /// The same frame, of which the references' places were measured to within these. A target that brings its own
-    /// frame along does not rely on them, and places that were estimated have their sigmas already.
-    pub(super) fn surveyed(self, survey: &SurveySigma) -> Self {
+    /// The same frame, of which the references' places were measured to within these, and steps to within a share. A
+    /// target that brings its own frame along does not rely on them, and places that were estimated have their sigmas
+    /// already.
+    pub(super) fn surveyed(self, survey: &SurveySigma, steps: f32) -> Self {
         let survey = if self.is_given() {
             *survey
         } else {
             SurveySigma::EXACT
         };
-        Self { survey, ..self }
+        Self {
+            survey,
+            steps,
+            ..self
+        }
+    }
+
+    /// The same frame, less certain where steps contradict a baseline that a person measured: it is not known which of
+    /// both is wrong. `scale` is the ratio of the step sensor's reading to the true length, by the baseline.
+    pub(super) fn tested_by(mut self, scale: f32) -> Self {
+        let off = scale - 1.0;
+        let baseline = &mut self.survey.baseline;
+        let sigma = root(self.steps * self.steps + *baseline * *baseline);
+        let beyond = ((off / sigma).abs() / APART - 1.0).clamp(0.0, 1.0);
+        if *baseline > 0.0 {
+            let share = off * beyond;
+            *baseline = root(*baseline * *baseline + share * share);
+        }
+        self
     }
 
     /// The same frame, whose references seem to stand elsewhere by pitches that are not known exactly: variances.
@@ -303,5 +328,41 @@ impl Frame {
 
     fn turn(&self) -> Matrix2<f32> {
         angle::rotation(self.direction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Steps that agree with the baseline change nothing; those that are far off make it as wide as that. A baseline that
+    /// is exact by promise stays.
+    #[test]
+    fn steps_test_a_baseline() {
+        let at = |x| Pose {
+            position: Point2::new(x, 0.0),
+            heading: 0.0,
+            covariance: Matrix3::zeros(),
+        };
+        let frame = Frame::between([(1, at(0.0)), (2, at(5.0))], None).unwrap();
+        let share = |baseline, scale| {
+            let survey = SurveySigma {
+                baseline,
+                position: 0.0,
+            };
+            let frame = frame.surveyed(&survey, 0.03).tested_by(scale);
+            root(frame.covariance(Point2::new(5.0, 0.0)).m11) / 5.0
+        };
+        for (baseline, scale, wide) in [
+            (0.02, 1.05, 0.02),
+            (0.02, 0.95, 0.02),
+            (0.02, 1.2, 0.201),
+            (0.02, 0.8, 0.201),
+            (0.0, 1.2, 0.0),
+        ] {
+            let told = share(baseline, scale);
+            assert!((told - wide).abs() < 1e-3, "{baseline} {scale}: {told}");
+        }
+        assert!((0.03..0.09).contains(&share(0.02, 1.1)));
     }
 }
