@@ -157,9 +157,6 @@ impl CameraRole {
         let sight = if repeats >= STUCK {
             self.on_eye(now, Eye::Failed);
             Sight::Failed
-        } else if repeats > 0 {
-            // One sighting in a hundred is lost so, and no second wrong one is believed.
-            Sight::Unsteady
         } else {
             if picture.is_some() && self.health.camera != Eye::Blind {
                 self.on_eye(now, Eye::Sees);
@@ -197,8 +194,8 @@ impl CameraRole {
         }
     }
 
-    /// The picture does not change any more, or changes again: the last sighting before that was noticed may be wrong.
-    /// Where one wrong sighting may do harm, the pose is weak until then.
+    /// The picture does not change any more, or changes again: the last sightings before that was noticed may be wrong.
+    /// Where a wrong sighting may do harm, the pose is weak until then.
     // for less stack
     #[inline(never)]
     fn judge_stuck(&mut self, now: Instant) {
