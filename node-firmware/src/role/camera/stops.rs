@@ -157,9 +157,6 @@ impl CameraRole {
         let sight = if repeats >= STUCK {
             self.on_eye(now, Eye::Failed);
             Sight::Failed
-        } else if repeats > 0 && picture.is_some_and(|seen| self.is_well_inside(seen.bearing)) {
-            // At the border of the view stops look alike more often, and planned stops lie there.
-            Sight::Unsteady
         } else {
             if picture.is_some() && self.health.camera != Eye::Blind {
                 self.on_eye(now, Eye::Sees);
@@ -222,12 +219,6 @@ impl CameraRole {
         }
     }
 
-    /// Returns true if this direction off the heading, radians, is not near the border of the view.
-    fn is_well_inside(&self, off: f32) -> bool {
-        let half_view = self.config.lens.field_of_view_deg.to_radians() / 2.0;
-        off.abs() < WELL_INSIDE * half_view
-    }
-
     /// Direction of a target off the heading, radians, and its distance in the plane, if both places are known.
     // for less flash
     #[inline(never)]
@@ -275,8 +266,9 @@ impl CameraRole {
             }
             Sight::NotLooking | Sight::Failed | Sight::NotReady => return,
         }
+        let half_view = self.config.lens.field_of_view_deg.to_radians() / 2.0;
         let is_expected = direction.and_then(|(off, range)| match self.light.reaches(range) {
-            reaches if self.is_well_inside(off) => reaches,
+            reaches if off.abs() < WELL_INSIDE * half_view => reaches,
             _ => Some(false),
         });
         if self.light.on_nothing(is_expected) {

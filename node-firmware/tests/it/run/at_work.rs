@@ -329,6 +329,5 @@ fn a_camera_adapts_to_another_daylight() {
     assert!(stops.is_some(), "{:?}", site.camera.looks());
     let heard = site.camera.heard();
     assert_eq!(heard.iter().filter(|line| *line == "RS").count(), 1);
-    site.camera.sees(Some(44));
     assert_eq!(stop(&mut site), Some(Sight::InView));
 }

@@ -56,10 +56,9 @@ fn a_camera_with_a_worn_flash_works_and_says_so() {
             if range.start == 0 {
                 site.camera.power(&mut site.bench, random(round, 0));
             }
-            for (start, column) in (1..).zip([44, 48, 52]) {
+            for start in 1..=3 {
                 site.bench.run_for(40 * SECOND);
                 site.target.step(1.0, 0.0);
-                site.camera.sees(Some(column));
                 site.bench.run_for(40 * SECOND);
                 let what = format!("{fault:?} in {range:?}, start {start}");
                 let looks = site.camera.looks();
