@@ -153,7 +153,7 @@ impl CameraRole {
         let before = last.map(|last| last.sight);
         // A camera that is stuck would be believed until two others contradict it.
         let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
-        let stuck = self.looks.is_stuck();
+        let stuck = self.is_stuck();
         let sight = if repeats >= STUCK {
             self.on_eye(now, Eye::Failed);
             Sight::Failed
@@ -186,7 +186,7 @@ impl CameraRole {
             repeats,
             unconfirmed: seen.map(|_| Unconfirmed::new(now + self.slot())),
         });
-        if self.looks.is_stuck() != stuck {
+        if self.is_stuck() != stuck {
             self.judge_stuck(now);
         }
         if !is_known {
@@ -208,11 +208,16 @@ impl CameraRole {
         }
     }
 
+    /// Returns true if the picture does not change. It does if another target is seen elsewhere.
+    fn is_stuck(&self) -> bool {
+        self.health.camera == Eye::Failed && self.looks.is_stuck()
+    }
+
     /// A state whose pose is weak at best if the camera's picture does not change, unless the pose is checked.
     pub(super) fn stuck(&self, state: CameraState, joint: Option<ProtectionLevel>) -> CameraState {
         let limits = self.config.weak.limits();
         let is_checked = joint.is_some_and(|level| level.is_tolerated(&limits));
-        if self.looks.is_stuck() && !is_checked {
+        if self.is_stuck() && !is_checked {
             state.untested()
         } else {
             state
