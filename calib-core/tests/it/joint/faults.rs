@@ -379,6 +379,9 @@ fn a_start_is_found_where_all_legs_err_by_far() {
     let (mut started, mut off_frame, mut sum) = (0, 0, 0.0);
     for seed in 0..24 {
         let mut walk = walk(seed);
+        walk.errors.length *= 4.0;
+        walk.errors.direction *= 4.0;
+        walk.carry(&mut generator(seed));
         for leg in &mut walk.legs {
             leg.covariance /= 40.0 * 40.0;
         }
