@@ -1,7 +1,7 @@
-//! Gauss-Newton: passes from the raw measurements, each around where the last one led.
+//! Gauss-Newton: each pass goes over the raw measurements, around the estimates of the pass before.
 //!
-//! A step that leads uphill is halved until it does not, so that estimates are never worse than
-//! where they began. Nothing is carried from one pass to the next but the estimates.
+//! A step that makes chi squared larger is halved until it does not. So estimates never get worse. Nothing but the
+//! estimates is kept from one pass to the next.
 
 use core::task::Poll;
 
@@ -13,20 +13,20 @@ use crate::{
     Limits, Real, Refusal, fit::Fit, numerics::minimize::STALLED_SIGMAS, numerics::real::lit,
 };
 
-/// Passes after which a solve is given up; six are usual after a start, two after a stop.
+/// Passes after which a solve is given up. Six are usual after a start, two after a new stop.
 const PASS_LIMIT: u8 = 60;
-/// A step worth less than this, in sigmas, is the last.
+/// Size of a step in sigmas below which it is the last.
 const CONVERGED_SIGMAS: f64 = 1e-3;
-/// Steps are halved so many times in a row.
+/// Most halvings of a step.
 const HALVINGS: u8 = 12;
-/// Chi squared that goes up by no more than this does not go up: its rounding.
+/// Rounding error of chi squared: if it grows by no more than this, it does not grow.
 const ROUNDING: f64 = 1e-4;
 
-/// Bearings from which on a camera's can contradict each other.
+/// Least number of bearings of a camera that can contradict each other.
 pub(super) const WITNESSED: usize = 4;
-/// Bearings that make a pose, and say nothing about anything else.
+/// Least number of bearings that give a pose. They tell nothing about anything else.
 pub(super) const ENOUGH: usize = 3;
-/// A camera that takes part is put out when its sigmas exceed those that it was let in with by this factor.
+/// Factor of the sigmas with which a camera was let in. Beyond it the camera is put out.
 const HYSTERESIS: f64 = 2.0;
 /// Rounds of letting cameras in and settling.
 const ROUNDS: u8 = 16;
@@ -35,7 +35,7 @@ const ROUNDS: u8 = 16;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Descent<T> {
     best: Option<T>,
-    /// Of the pass whose step is being found: chi squared, and by how much it fell.
+    /// Chi squared of the pass whose step is being found, and its fall since the pass before.
     begun: Option<(T, Option<T>)>,
     passes: u8,
     halvings: u8,
@@ -73,14 +73,14 @@ enum Doing<T> {
     /// Lets in cameras from this one on.
     Admitting(usize),
     Descending(Descent<T>),
-    /// Puts out cameras that are no longer what they were let in for.
+    /// Puts out cameras that have become too uncertain.
     Evicting,
     /// Puts back measurements from this one on.
     Readmitting(usize),
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Lets in all cameras that it can, and settles; then those with exactly three bearings.
+    /// Lets in all cameras with four bearings or more, and settles; then those with three.
     pub(super) fn begin_settling(&mut self) -> Settling<T> {
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;
@@ -118,7 +118,7 @@ impl<T: Real> Problem<'_, T> {
                     settling.doing = Doing::Admitting(camera + 1);
                     return None;
                 }
-                // The cameras with three bearings change nothing if there are none.
+                // Without cameras of three bearings nothing changes.
                 if settling.least == ENOUGH && !settling.changed && settling.round == 0 {
                     return self.end_round(settling);
                 }
@@ -157,7 +157,7 @@ impl<T: Real> Problem<'_, T> {
                 }
                 None
             }
-            // Among the cameras that came last the one that fits worst is to blame.
+            // Of the cameras that came last the one that fits worst is to blame.
             Err(_) if self.cameras.iter().any(|camera| camera.is_new) => {
                 self.dismiss_worst();
                 self.next_round(settling)
@@ -264,7 +264,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// A slice of a pass, until the estimates no longer move: chi squared there.
+    /// Does a slice of a pass, until the estimates no longer move. Returns chi squared there.
     ///
     /// # Errors
     /// [`Refusal::DidNotConverge`]; estimates are then the best that were found.
@@ -282,7 +282,7 @@ impl<T: Real> Problem<'_, T> {
                     return failed;
                 };
                 let within = |sigmas: f64| worth <= lit::<T>(sigmas) * lit(sigmas);
-                // Where rounding lets nothing fall any more, being close is being there.
+                // Once rounding keeps chi squared from falling, the estimates are close enough.
                 let flat = fell.is_some_and(|fell| fell.abs() <= slack(cost));
                 let stalled = flat && descent.stalled && within(STALLED_SIGMAS);
                 let done = within(CONVERGED_SIGMAS) || stalled;
@@ -310,7 +310,7 @@ impl<T: Real> Problem<'_, T> {
                 }
                 descent.halvings += 1;
                 if descent.halvings <= HALVINGS {
-                    // Half of the way back; the step that is kept is the other half.
+                    // Goes half of the way back. The step that is kept is the other half.
                     self.shorten();
                     self.go(-T::one());
                 }
@@ -327,7 +327,7 @@ impl<T: Real> Problem<'_, T> {
         if descent.passes < PASS_LIMIT && descent.halvings <= HALVINGS {
             return None;
         }
-        // Back to the best; the search for contradictions finds the residuals there.
+        // Goes back to the best estimates: the search for contradictions begins there.
         self.go(-T::one());
         self.common.told = Told::Equations;
         failed

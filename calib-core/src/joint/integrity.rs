@@ -1,19 +1,17 @@
-//! Contradictions are found, left out and named; the possible effect of one undetected fault is told.
+//! Search for contradictions, and protection levels: the possible effect of one fault that no test noticed.
 //!
-//! **Test.** The largest normalised statistic over single bearings, legs, and all that a camera has seen
-//! since some stop (it was bumped, or is stuck). Only the strongest one is left out, and everything is solved
-//! again before the next one is looked for: one wrong measurement makes many residuals large. Baarda's data
-//! snooping; as receivers of satellite navigation check themselves (RAIM). A measurement that was left out
-//! and agrees later comes back.
+//! **Test.** The largest normalised statistic over single bearings, legs, and tails: all that a camera has seen since
+//! some stop (it was bumped, or is stuck). One wrong measurement makes many residuals large. So only the strongest is
+//! left out, and everything is solved again before the next search. This is Baarda's data snooping, as receivers of
+//! satellite navigation use it (RAIM). A measurement that was left out and agrees later comes back.
 //!
-//! All of it comes from the covariances of a solve, without another pass. Without a camera's last sights chi
-//! squared falls by `r^T (1 - H)^-1 r` of these, `H` being their predicted covariance.
+//! The covariances of a solve give all of it, without another pass. Without the tail of a camera chi squared falls by
+//! `r^T (1 - H)^-1 r`, where `r` are the residuals of the tail and `H` is their predicted covariance.
 //!
-//! **Protection level.** A fault of a measurement that its test just misses moves an unknown by at most
-//! `|C g| (4.42 + 3.09) / sqrt(1 - h)`: limit of the test plus the margin with which it misses one
-//! in a thousand, in sigmas of the measurement. The largest over all measurements, and 3.09 sigmas
-//! of noise, bound the error that one undetected fault leaves. Measurements that nothing checks
-//! leave no bound worth the name.
+//! **Protection level.** A fault that the test of its measurement just misses moves an unknown by at most
+//! `|C g| (4.42 + 3.09) / sqrt(1 - h)`, in sigmas of the measurement: 4.42 is the limit of the test, and 3.09 the
+//! margin with which it misses one fault in a thousand. The largest of these over all measurements, and 3.09 sigmas of
+//! noise, bound the error that one unnoticed fault leaves. If nothing checks a measurement, there is no useful bound.
 
 use core::task::Poll;
 
@@ -27,36 +25,37 @@ use crate::{Real, Refusal, fit::RARE, numerics::real::lit};
 
 /// Strength of a statistic that chance exceeds once in 100,000: 4.42 sigmas of a single one.
 const LIMIT: f64 = 11.51;
-/// A camera is looked at as a whole once chance exceeds one of its bearings only once in a hundred, or in a
-/// twentieth of all bearings if that is rarer.
+/// Strength of a single bearing from which on the tails of its camera are tested: chance exceeds it once in a hundred,
+/// or once in twenty times all bearings if that is rarer.
 const SUSPICION: f64 = 4.6;
-/// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
-/// exceed them to be missed once in a thousand.
+/// Size of a fault that is missed once in a thousand, in sigmas: the limit that one good measurement in 100,000
+/// exceeds, and the margin above it.
 const DETECTED: f64 = 4.42 + RARE;
-/// Redundancies below this count as this much.
+/// Least redundancy: smaller ones count as this.
 const LEAST_REDUNDANCY: f64 = 1e-4;
-/// Bearings of a camera, one after the other, that are off: it is no longer what it was.
+/// Bearings of a camera in a row that have to be wrong before it counts as moved.
 pub(super) const IN_A_ROW: usize = 2;
-/// Odds of a bearing that repeats the camera's last one to the bit, although the target has moved.
+/// Odds that a bearing is wrong that is bit by bit the camera's last one although the target has moved.
 const OF_REPEATED: f64 = 2.0;
-/// Odds of a leg: where it and a bearing explain the same, the loss is less without the bearing.
+/// Odds that a leg is wrong. Below one: where a leg and a bearing explain the same, less is lost without the bearing.
 const OF_LEG: f64 = 0.95;
-/// Odds of a tail: one wrong bearing explains itself.
+/// Odds that a tail is wrong. Below one: a single wrong bearing needs no tail.
 const OF_TAIL: f64 = 0.9;
-/// The legs' claim is believed while the sum of their squares is within so many of its sigmas.
+/// The told noise of the legs is believed while the sum of their squared residuals is within so many sigmas of its
+/// mean.
 const BELIEVED: f64 = 2.0;
-/// A claim is far too small where more than half of the legs err by more than twice of what half of them may: chi
-/// squared of one and of two degrees of freedom.
+/// Chi squared of a leg, of one and of two degrees of freedom, beyond which it errs by more than twice the median
+/// error. The told noise is far too small if more than half of the legs do.
 const LOOSE: [f64; 2] = [4.0 * 0.455, 4.0 * 1.386];
-/// So many legs at least tell that.
+/// Least number of legs for that test.
 const LOOSE_LEGS: usize = 6;
-/// The legs' claimed variance counts as much as so many residuals.
+/// Weight of the told variance of the legs, in residuals.
 const PSEUDO_SAMPLES: f64 = 6.0;
 
-/// Rarity of a chi squared by chance: minus the logarithm of its probability, so that statistics
-/// of different degrees of freedom can be compared. By the first term of the asymptotic series of the
-/// incomplete gamma function (Abramowitz and Stegun, 6.5.32): exact for two degrees, and to a
-/// hundredth for others from the limit on. Zero where chance exceeds it often.
+/// Strength of a chi squared: minus the logarithm of the probability that chance exceeds it. So statistics of different
+/// degrees of freedom can be compared. The first term of the asymptotic series of the incomplete gamma function
+/// (Abramowitz and Stegun, 6.5.32) is exact for two degrees, and right to a hundredth for others from [`LIMIT`] on.
+/// Zero where chance exceeds it often.
 fn strength<T: Real>(chi_squared: T, degrees_of_freedom: usize) -> T {
     let Some(degrees) = u32::try_from(degrees_of_freedom).ok().filter(|n| *n > 0) else {
         return T::zero();
@@ -84,16 +83,16 @@ fn strength<T: Real>(chi_squared: T, degrees_of_freedom: usize) -> T {
         + (T::one() - beyond_two / chi_squared).ln()
 }
 
-/// Result of a look at every measurement.
+/// Survey of all measurements.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Survey<T> {
-    /// Next.
+    /// The next camera.
     camera: usize,
     protects: bool,
     strongest: Option<(Finding<T>, T)>,
-    /// The strongest that is not a whole camera.
+    /// The strongest contradiction of a single measurement.
     single: Option<(Finding<T>, T)>,
-    /// The leg that may be to blame for a suspect, and its chi squared.
+    /// The leg that may explain the suspect, and its chi squared.
     leg: Option<(usize, T)>,
     /// The sum of the legs' squared residuals, in claimed sigmas, and its expectation.
     squares: T,
@@ -101,16 +100,16 @@ pub(super) struct Survey<T> {
     /// Legs that are checked, and those that err by [much more](LOOSE) than they claim.
     legs: usize,
     loose: usize,
-    /// The next step once all measurements were looked at: the last sights of this camera.
+    /// The camera whose tails are tested next, once all single measurements are tested.
     tail: Option<usize>,
-    /// Of the solve that [`verify`](Problem::verify) is at: chi squared where it begins.
+    /// Chi squared at the begin of the solve of [`verify`](Problem::verify).
     cost: Option<T>,
     /// Least chi squared with all sightings.
     all: Option<T>,
 }
 
 impl<T: Real> Survey<T> {
-    /// The contradiction that is too strong for chance.
+    /// The strongest contradiction, if it is too strong for chance.
     pub(super) fn found(&self) -> Option<Finding<T>> {
         let beyond = self
             .strongest
@@ -118,13 +117,13 @@ impl<T: Real> Survey<T> {
         beyond.map(|(found, _)| found)
     }
 
-    /// Rarity by chance of the strongest contradiction.
+    /// Strength of that contradiction.
     pub(super) fn strength(&self) -> T {
         let strongest = self.strongest.filter(|_| self.found().is_some());
         strongest.map_or_else(T::zero, |(_, strength)| strength)
     }
 
-    /// `odds` decide between findings of equal strength.
+    /// Keeps a finding if it is the strongest. `odds` decide between findings of equal strength.
     fn offer(&mut self, found: Finding<T>, strength: T, odds: T) {
         if strength > lit(LIMIT) {
             let weighed = strength * odds;
@@ -141,8 +140,8 @@ impl<T: Real> Survey<T> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Begins a look at what every measurement says against the rest and, if asked, at its possible unseen
-    /// effect on the pose of every camera.
+    /// Begins a survey: each measurement is tested against the rest. If `protects`, protection levels of all cameras
+    /// are computed.
     pub(super) fn begin_survey(&mut self, protects: bool) -> Survey<T> {
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;
@@ -166,8 +165,8 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// One camera: its sights, and their effect and that of everything else on it; with the first camera all
-    /// legs. Or, in the search for contradictions, the last sights of a camera under suspicion.
+    /// Does one step of a survey: the sightings and the protection level of one camera, with the first one all legs
+    /// too; or, in the search for contradictions, the tails of a suspected camera.
     #[inline(never)] // for less flash
     pub(super) fn step_survey(
         &mut self,
@@ -216,7 +215,7 @@ impl<T: Real> Problem<'_, T> {
             if sight.standing != Standing::Counts {
                 continue;
             }
-            // An unknown that is not determined contradicts nothing, and moves nothing.
+            // A bearing without redundancy has no normalised residual.
             let residual = self.bearing_residual(n).ok();
             let off = residual.and_then(|residual| Some((residual, residual.normalised?)));
             let Some((residual, off)) = off else {
@@ -275,7 +274,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Possible effect of a fault of any measurement on a camera, and of noise without a fault.
+    /// Computes the protection levels of a camera.
     fn protect(&mut self, camera: usize) {
         let mut levels = ProtectionLevels::<T>::default();
         let told = self.influences(camera, |moved, redundancy, is_leg| {
@@ -305,7 +304,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Returns true if a bearing is to the bit the camera's last one before it.
+    /// Returns true if a bearing equals the camera's bearing before it bit by bit.
     fn repeats(&self, n: usize) -> bool {
         let Some(sight) = self.sights.get(n) else {
             return false;
@@ -328,8 +327,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Contradiction of all that a camera saw since a stop: the fall of chi squared without it. Of
-    /// [`IN_A_ROW`] bearings or more, which leave it enough for a pose.
+    /// Tests the tails of a camera: for each stop, the fall of chi squared without all that it saw since then. A tail
+    /// has [`IN_A_ROW`] bearings at least, and leaves enough for a pose.
     fn survey_tails(&mut self, survey: &mut Survey<T>, camera: usize) -> Option<()> {
         let all = self.counting(camera);
         let mut offered = *survey;
@@ -365,9 +364,9 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// A slice of a solve without the sightings that a camera is blamed for: where nothing fits, and estimates came to
-    /// no end, closed forms in single precision say too much of a camera right before the target. A finding that
-    /// does not stand this test is dropped.
+    /// Does a slice of a solve without the tail that was found, and drops the finding if chi squared does not fall as
+    /// predicted. The prediction is linear: it promises too much for a camera very near to the target, and where the
+    /// solve did not converge.
     fn verify(&mut self, survey: &mut Survey<T>) -> Poll<()> {
         let Some((found, weighed)) = survey.strongest else {
             return Poll::Ready(());
@@ -412,8 +411,8 @@ impl<T: Real> Problem<'_, T> {
         Poll::Ready(())
     }
 
-    /// A slice of the way to the least chi squared, as far as the model is linear. `cost` is that of the present
-    /// estimates once it is known.
+    /// Does a slice of the search for the least chi squared of the linear model. `cost` is chi squared of the present
+    /// estimates, once known.
     fn find_least(&mut self, cost: &mut Option<T>) -> Poll<Option<T>> {
         if let Some(cost) = *cost {
             return self.find_step().map(|worth| Some(cost - worth?));
@@ -427,9 +426,8 @@ impl<T: Real> Problem<'_, T> {
         Poll::Pending
     }
 
-    /// Leaves out a finding. A camera whose last bearings are all off is no longer as it was, or the
-    /// way to where it saw them was not as measured: then nothing is left out for good yet, and the next
-    /// surveys tell.
+    /// Leaves out a finding. If the last bearings of a camera are all wrong, it was moved, or a leg was not as
+    /// measured. Then nothing is left out for good yet: the next surveys decide.
     pub(super) fn leave_out(&mut self, found: Finding<T>) -> Option<Finding<T>> {
         let (camera, from) = match found {
             Finding::Bearing { stop, camera, .. } => {
@@ -465,15 +463,15 @@ impl<T: Real> Problem<'_, T> {
         None
     }
 
-    /// Decides between the camera and the leg, once everything is solved with the suspect's bearings, and
-    /// then again without the leg that explains them best.
+    /// Decides between the camera and a leg. Everything was solved with the bearings of the suspect; then once more
+    /// without the leg that explains them best.
     pub(super) fn decide(&mut self, survey: &Survey<T>) -> Option<Finding<T>> {
         let suspect = self.common.suspect.take()?;
         let (camera, from) = (usize::from(suspect.camera), usize::from(suspect.from));
         let found = survey.found();
         match suspect.leg {
             None => {
-                // Any of several legs between the same sightings will do.
+                // Of several legs between the same sightings any serves.
                 let (leg, chi_squared) = survey.leg.unwrap_or((from, T::zero()));
                 let counts = self
                     .stops
@@ -522,12 +520,13 @@ impl<T: Real> Problem<'_, T> {
     }
 
     fn leave_out_leg(&mut self, stop: usize) {
-        // A camera that seemed to be moved near it may see rightly where the target really is.
+        // A camera that seemed to be moved near this leg may be right.
         self.undo_moves(Some(stop));
         self.count_leg(stop, Standing::Excluded);
     }
 
-    /// Returns true if the leg to a stop may be to blame for the suspect's sightings: since it saw rightly.
+    /// Returns true if the leg to a stop may explain the sightings of the suspect: it comes after its last good
+    /// sighting.
     fn may_be_blamed(&self, leg: usize) -> bool {
         self.common.suspect.is_some_and(|suspect| {
             let camera = usize::from(suspect.camera);
@@ -544,7 +543,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The stop since which all bearings of a camera are left out, if they are [`IN_A_ROW`] or more.
+    /// Returns the stop since which all bearings of a camera are left out, if these are [`IN_A_ROW`] or more.
     fn off_since(&self, camera: usize) -> Option<usize> {
         let good = self.tail(camera, 0).map(|sight| sight.stop).max();
         let since = self.sights.iter().filter(|sight| {
@@ -566,7 +565,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// The finding, with the stop from which on it still holds now that everything is solved without.
+    /// Returns the finding with the stop since which it holds, now that everything is solved without it.
     pub(super) fn refined(&self, found: Finding<T>) -> Finding<T> {
         let Finding::Camera {
             camera,
@@ -599,9 +598,9 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Doubles the noise of all legs if most of them err by far more than they claim. Before anything is left out: else
-    /// good bearings go one after the other until the rest fits the claim. A single wrong leg, or a camera that was
-    /// moved, is off for few legs. Returns true if that changes anything.
+    /// Doubles the noise of all legs if most of them err by far more than told. This comes before anything is left out:
+    /// otherwise good bearings are left out one by one until the rest fits the told noise. A single wrong leg, or a
+    /// moved camera, makes few legs large. Returns true if that changes anything.
     pub(super) fn loosen_legs(&mut self, survey: &Survey<T>) -> bool {
         let is_loose = survey.legs >= LOOSE_LEGS && 2 * survey.loose > survey.legs;
         if is_loose {
@@ -610,9 +609,9 @@ impl<T: Real> Problem<'_, T> {
         is_loose
     }
 
-    /// Estimates from the legs' own residuals by how much they err more, or less, than they claim; the claim
-    /// counts as much as six. It is believed until their residuals contradict it: a factor from few of them
-    /// errs more than most claims. Returns true if that changes anything.
+    /// Estimates the noise of the legs from their residuals, relative to the told noise, which counts as six residuals.
+    /// The told noise is kept until the residuals contradict it: from few residuals the estimate is worse than most
+    /// told values. Returns true if that changes anything.
     pub(super) fn fit_leg_noise(&mut self, survey: &Survey<T>) -> bool {
         let claim = lit::<T>(PSEUDO_SAMPLES);
         let before = self.common.leg_factor;
@@ -631,8 +630,8 @@ impl<T: Real> Problem<'_, T> {
         true
     }
 
-    /// Widens a prior of the carrier to its error if all measurements together contradict it more strongly
-    /// than anything else. Returns true if there was one.
+    /// Widens a prior of the carrier to its error if nothing is contradicted more strongly. Returns true if there was
+    /// one.
     pub(super) fn widen_priors(&mut self, survey: &Survey<T>) -> bool {
         let Ok(carrier) = self.carrier() else {
             return false;
@@ -654,7 +653,7 @@ impl<T: Real> Problem<'_, T> {
         ] {
             let off = value - prior.mean;
             let claimed = prior.sigma * prior.sigma;
-            // The variance of its residual.
+            // Variance of the residual of the prior.
             let told = claimed - variance;
             if told > claimed * lit(UNCHECKED) && strength(off * off / told, 1) > least {
                 prior.sigma = prior.sigma.max(off.abs());
@@ -690,7 +689,7 @@ mod tests {
         assert_eq!(strength(100.0_f64, 0), 0.0);
     }
 
-    /// At equal chi squared the one with fewer degrees is the rarer.
+    /// At equal chi squared fewer degrees of freedom are stronger.
     #[test]
     fn fewer_degrees_are_stronger() {
         for degrees in 1..30 {

@@ -1,4 +1,4 @@
-//! A round of work in slices: solve, look at every measurement, leave out contradictions, solve again.
+//! A round of work in slices: solve, survey all measurements, leave out contradictions, solve again.
 //!
 //! One slice is at most one pass over the measurements, so that a slow processor can do something else in
 //! between.
@@ -16,12 +16,12 @@ use crate::{
     numerics::real::lit,
 };
 
-/// Times that the legs' noise is estimated in a round, at most.
+/// Most estimates of the legs' noise in a round.
 const LEG_NOISE_ROUNDS: u8 = 4;
-/// Factors by which all legs may err more than they claim, for a start. The first one that serves is taken: the legs'
-/// noise is estimated after it.
+/// Factors of the told noise of the legs with which a start is tried. The first that gives a start is taken; the noise
+/// is estimated afterwards.
 const LOOSE: [f64; 5] = [1.0, 2.0, 8.0, 32.0, 128.0];
-/// Of these the first ones also try a few stops at a time, where a single leg may be wrong.
+/// Number of these factors that are also tried with a few stops at a time, since a single leg may be wrong.
 const TRIED_IN_PARTS: usize = 2;
 
 /// Tasks of a round once it has solved.
@@ -29,9 +29,9 @@ const TRIED_IN_PARTS: usize = 2;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Round {
-    /// Looks for contradictions, and leaves out so many at most. Zero does not look.
+    /// Most contradictions that are left out. With zero there is no search.
     pub findings: usize,
-    /// Estimates by how much the legs err more, or less, than they claim.
+    /// Estimates the noise of the legs.
     pub leg_noise: bool,
     /// Computes protection levels.
     pub protection: bool,
@@ -44,9 +44,9 @@ pub struct Round {
 pub enum Progress<T> {
     /// There is more to do.
     Working,
-    /// This contradicted the rest and is left out; there is more to do.
+    /// This contradicted the rest, and is left out. There is more to do.
     Found(Finding<T>),
-    /// All is done, and answers are told.
+    /// All is done. Poses and covariances can be read.
     Over(JointSolution<T>),
 }
 
@@ -77,7 +77,7 @@ enum Stage<T: Real> {
     Settling(Settling<T>),
     Settled,
     Surveying(Survey<T>),
-    /// Covariances are found, to be told with this.
+    /// Covariances are computed. They belong to this solution.
     Telling(JointSolution<T>),
 }
 
@@ -104,7 +104,7 @@ impl<T: Real> Work<T> {
     pub(super) fn begin(&mut self, problem: &mut Problem<'_, T>, round: Round) {
         self.ask(round);
         problem.common.suspect = None;
-        // A pass that was given up is not gone on with.
+        // A pass that was given up is not resumed.
         problem.common.told = Told::Equations;
         problem.common.left_out = None;
         self.stage = if problem.common.is_started {
@@ -114,7 +114,7 @@ impl<T: Real> Work<T> {
         };
     }
 
-    /// A start with legs that may err by this one of [`LOOSE`].
+    /// Begins a start with this one of [`LOOSE`].
     fn start(&mut self, problem: &mut Problem<'_, T>, loose: usize) -> Stage<T> {
         self.loose = loose;
         if loose == 0 {
@@ -124,7 +124,7 @@ impl<T: Real> Work<T> {
         Stage::Starting(problem.begin_starting(loose < TRIED_IN_PARTS))
     }
 
-    /// The same without solving first.
+    /// Begins a round without a solve.
     pub(super) fn begin_solved(&mut self, problem: &mut Problem<'_, T>, round: Round) {
         self.ask(round);
         self.stage = Stage::Surveying(problem.begin_survey(round.protection));
@@ -138,7 +138,7 @@ impl<T: Real> Work<T> {
         self.steep = 0;
     }
 
-    /// Begins anew with references that look down, if there is a pitch that was not tried and rows that would tell.
+    /// Begins anew with references that look down. Returns false if all pitches were tried, or no rows were told.
     fn begin_steeper(&mut self, problem: &mut Problem<'_, T>) -> bool {
         let Some(&pitch) = PITCHES.get(self.steep + 1) else {
             return false;
@@ -154,7 +154,7 @@ impl<T: Real> Work<T> {
         true
     }
 
-    /// One slice.
+    /// Does one slice.
     pub(super) fn step(
         &mut self,
         problem: &mut Problem<'_, T>,
@@ -177,7 +177,7 @@ impl<T: Real> Work<T> {
                     ];
                     let why = *self.why.get_or_insert(why);
                     let contradicts = contradicts.contains(&why);
-                    // Claims that are far too small may hide every answer but wrong ones, which are alike.
+                    // If the told noise is far too small, only wrong answers may be left, which all fit alike.
                     let may_be_loose = contradicts || why == Refusal::Undetermined;
                     let loose = self.loose + 1;
                     if may_be_loose && loose < LOOSE.len() {
@@ -197,7 +197,7 @@ impl<T: Real> Work<T> {
                 Some(solved) => {
                     self.solved = solved;
                     match self.found.take() {
-                        // Told when it is known which measurements agree without it.
+                        // The finding is told once it is known which measurements agree without it.
                         Some(found) => {
                             self.stage = Stage::Settled;
                             Ok(Progress::Found(problem.refined(found)))
@@ -229,7 +229,7 @@ impl<T: Real> Work<T> {
     }
 
     fn after_solve(&mut self, problem: &mut Problem<'_, T>) -> Result<Progress<T>, JointError> {
-        // Bearings of cameras that are not level contradict each other until they are turned upright.
+        // Bearings of a tilted camera contradict each other until they are turned upright.
         let is_there = matches!(self.solved, Ok(_) | Err(Refusal::DidNotConverge));
         if is_there && self.mounting_rounds > 0 && problem.improve_mountings() {
             self.mounting_rounds -= 1;
@@ -237,7 +237,7 @@ impl<T: Real> Work<T> {
             return Ok(Progress::Working);
         }
         match self.solved {
-            // Contradictions may keep it from coming to an end.
+            // It may not converge because of contradictions.
             Err(Refusal::DidNotConverge) if self.round.findings > 0 => {}
             Err(why) => return Err(JointError::Solve(why)),
             Ok(solution) => {
@@ -300,7 +300,7 @@ impl<T: Real> Work<T> {
         self.over(problem, solution)
     }
 
-    /// Covariances are told when all is done.
+    /// Ends the round, once the covariances are computed.
     fn over(
         &mut self,
         problem: &mut Problem<'_, T>,

@@ -1,4 +1,4 @@
-//! Where the passes begin: closed forms, no guess.
+//! Start of the passes: by closed forms, without a guess.
 //!
 //! Sightings by both references together give their headings and the place of one stop
 //! ([`reference`](crate::reference)); dead reckoning gives all other stops. Both solutions of a
@@ -19,18 +19,18 @@ use crate::{
     reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
 
-/// Stops seen by both references that a start takes, at least: with two there are two answers.
+/// Least number of stops that both references saw: with two there are two answers.
 pub(super) const LEAST: usize = 3;
-/// And at most: more add nothing to a start.
+/// Most of these that a start takes: more add nothing.
 const MOST: usize = 16;
-/// Stops of a start when all together contradict each other: with fewer it would not show.
+/// Stops of a start if all together contradict each other: fewer would not show it.
 const WINDOW: usize = 5;
 /// All stops.
 const ALL: [u16; 2] = [0, u16::MAX];
-/// A prior sigma of scale, or of the compass in radians, from which on a start does without: the
-/// references' own sightings have to tell it.
+/// Prior sigma of the scale, or of the compass in radians, from which on a start does not use the prior: the sightings
+/// of the references have to tell the value.
 const VAGUE: f64 = 0.3;
-/// A prior that is off by more of its sigmas is contradicted.
+/// Error of a prior in its sigmas beyond which it is contradicted.
 const CLAIMED: f64 = 4.42;
 
 /// One answer of the reference solve.
@@ -49,9 +49,9 @@ struct Start<T: Real> {
 /// A start under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Starting<T: Real> {
-    /// The first stop of those that are tried alone; none yet while all are.
+    /// First of the stops that are tried alone. `None` while all are tried together.
     window: Option<usize>,
-    /// A few stops are tried alone.
+    /// A few stops at a time are tried, too.
     in_parts: bool,
     /// The one of [`TAKEN`] that is tried.
     taken: usize,
@@ -77,8 +77,8 @@ enum Trial {
     Better,
 }
 
-/// Use of the priors for scale and compass. A carrier far off them has its own sightings against it: they
-/// tell scale and compass too.
+/// Use of the priors for scale and compass, in the order of the trials. If the carrier errs far more than told, the
+/// sightings have to tell scale and compass.
 const TAKEN: [[bool; 2]; 4] = [[true, true], [false, true], [true, false], [false; 2]];
 
 impl<T: Real> Problem<'_, T> {
@@ -125,7 +125,7 @@ impl<T: Real> Problem<'_, T> {
                 Some(Ok(()))
             }
             Err(why) => {
-                // The reason that holds for the known values.
+                // The reason of the first trial, with both priors.
                 starting.failure = starting.failure.or(Some(why));
                 starting.trial = Trial::Proposing;
                 starting.taken += 1;
@@ -186,8 +186,8 @@ impl<T: Real> Problem<'_, T> {
                 return None;
             }
             (Trial::Other, tried, Some(other)) => {
-                // The better one may not be the one that the reference solve took for it, which does
-                // not know how legs add up.
+                // The reference solve may take the wrong one for the better: it does not know how the errors of legs
+                // add up.
                 if let Ok(cost) = tried {
                     if (cost - best.cost).abs() < one_in_a_thousand(1) {
                         return Some(Err(Refusal::Undetermined));
@@ -246,7 +246,7 @@ impl<T: Real> Problem<'_, T> {
             baseline: takes_scale.then_some(baseline),
             frame_heading: takes_compass.then_some(T::zero()),
         })?;
-        // A claim that the sightings contradict is none: they tell then.
+        // A prior that the sightings contradict is dropped: then they tell the value.
         let common = &mut *self.common;
         for (prior, value, is_taken) in [
             (
@@ -280,10 +280,10 @@ impl<T: Real> Problem<'_, T> {
         *descent = Descent::new();
     }
 
-    /// A pass over the references' bearings alone: chi squared at the end.
+    /// Does a pass over the bearings of the references alone. Returns chi squared at the end.
     fn step_descent(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
         let descended = self.descend(descent)?;
-        // In front of both, or it is the wrong one of two solutions.
+        // The target has to be in front of both. Otherwise it is the wrong one of two solutions.
         let quarter = T::frac_pi_2();
         let behind = |sight: &Sight<T>| {
             let row = self.sight_row(sight);
@@ -297,7 +297,7 @@ impl<T: Real> Problem<'_, T> {
         Some(descended)
     }
 
-    /// A few common stops in a row from one on; `None` if it is none, or there are too few.
+    /// Returns a few common stops in a row from this one on. `None` if it is no common stop, or there are too few.
     fn window(&self, first: usize) -> Option<[u16; 2]> {
         let is_common =
             |&stop: &usize| self.seen_by(stop, 0).is_some() && self.seen_by(stop, 1).is_some();
@@ -307,7 +307,7 @@ impl<T: Real> Problem<'_, T> {
         Some([u16::try_from(first).ok()?, u16::try_from(last).ok()?])
     }
 
-    /// All stops by dead reckoning from one.
+    /// Places all stops by dead reckoning from one of them.
     fn reckon(&mut self, from: usize, place: Point2<T>) {
         let mut at = place;
         for stop in from..self.stops.len() {
@@ -341,7 +341,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// The place of a stop, the way to which was not measured, from bearing and range of one camera.
+    /// Place of a stop from bearing and range of one camera, if its leg was not measured.
     pub(super) fn find_unmeasured(&mut self, stop: usize) {
         let is_measured = |stop: &super::problem::Stop<T>| stop.root != [T::zero(); 3];
         if self.stops.get(stop).is_none_or(is_measured) {
@@ -383,7 +383,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Proposals of the reference solve: its best answer, and the one that it cannot tell from it.
+    /// Proposals of the reference solve: its best answer, and another one that fits as well.
     #[inline(never)] // for less stack
     fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
         let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
@@ -428,7 +428,7 @@ impl<T: Real> Problem<'_, T> {
         let solved = reference::solve(stops, known, &ReferenceSettings::default());
         let outcome = solved.as_ref().map_err(|why| *why)?;
         let start = |solution: &ReferenceSolution<T>| {
-            // The baseline as the carrier would measure it, over its length.
+            // Ratio of the baseline as the carrier would measure it to its length.
             let stretch = if is_baseline_known {
                 solution.baseline / baseline
             } else {

@@ -133,7 +133,7 @@ Results of a run that was ended, or whose chips failed, are of what was before, 
 report and the record at their beginning (`cut_short`), other files in their last line.";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let scenario = arguments.scenario.load(arguments.seed, None)?;
+    let scenario = arguments.scenario.load(arguments.seed, None, None)?;
     arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
     let usual = Path::new(CHIP_IMAGE);

@@ -71,15 +71,16 @@ impl ScenarioOptions {
         (!is_built_in).then_some(Path::new(&self.scenario))
     }
 
-    /// The scenario, with this seed and scatter or its own.
+    /// The scenario, with this seed, path and scatter or its own.
     pub(super) fn load(
         &self,
         seed: Option<u64>,
+        path: Option<u64>,
         scatter: Option<ScatterTable>,
     ) -> anyhow::Result<Scenario> {
         let changes = Overrides {
             seed,
-            path: self.path,
+            path: path.or(self.path),
             stops: self.stops,
             placement: self.placement.map(|place| match place {
                 Place::Planned => Placement::Planned,

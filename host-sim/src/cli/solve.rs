@@ -110,8 +110,9 @@ Examples:
 
 JSON: case (always a string, as it stands in the file), status, reason (why there is no pose, or
 why it is doubtful; otherwise null), x, y, heading_rad (0 to 2 pi),
-sigma_x, sigma_y, sigma_heading_rad (null where there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
-are right, null where there is no pose).
+sigma_x, sigma_y, sigma_heading_rad (null where there is no pose), sightings (without rows that repeat the
+place and the direction of another one of their case), dropped, chi_squared (about sightings - dropped - 3
+where the sigmas are right, null where there is no pose).
 With --lenses: case, camera, height_slab, status, reason, x, y, z, heading_deg, pitch_deg (down is
 positive), roll_deg (positive where the left side is high), sigma_ of each, sightings, chi_squared,
 focal_factor (of fx and fy), sigma_focal_factor, k1, k2. Reason focal_length: a lens told to be exact fits
@@ -471,6 +472,16 @@ fn print_summary(report: &Report, arguments: &Arguments) {
         if let Some(advice) = answer::advice(status, reason) {
             tell(format_args!("  {}: {advice}", words(what)));
         }
+    }
+    if let rows @ 1.. = tally.repeated {
+        tell(format_args!(
+            "  {rows} {} the place and the direction of another one of the same case: each counts once",
+            if rows == 1 {
+                "row repeats"
+            } else {
+                "rows repeat"
+            }
+        ));
     }
     for (case, other) in &report.ambiguous {
         tell(format_args!(

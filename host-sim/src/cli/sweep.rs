@@ -118,8 +118,7 @@ fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Sce
             if stop.load(Ordering::Relaxed) {
                 return Ok(scenarios);
             }
-            let mut scenario = arguments.scenario.load(Some(seed), arguments.scatter)?;
-            scenario.path = path.unwrap_or(scenario.path);
+            let mut scenario = (arguments.scenario).load(Some(seed), path, arguments.scatter)?;
             if arguments.scatter.is_none() && scenario.scatter.is_none() {
                 scenario.scatter = ScatterTable::USUAL;
             }

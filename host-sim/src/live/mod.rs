@@ -114,9 +114,28 @@ pub fn report(events: &[Event]) -> Result<String, serde_json::Error> {
 
 #[cfg(test)]
 mod tests {
-    use results::record::event::What;
+    use calib_core::Status;
+    use results::{plot::status_colour, record::event::What};
 
     use super::*;
+
+    /// A camera has one colour by day, on the page and on maps.
+    #[test]
+    fn the_page_has_the_colours_of_maps() {
+        for status in [
+            Status::Calibrated,
+            Status::Weak,
+            Status::Doubtful,
+            Status::Refused,
+            Status::Waiting,
+        ] {
+            let colour = status_colour(status).to_lowercase();
+            let rule = format!("--{}: {colour};", status.name());
+            let found = STYLE.find(&rule);
+            let dark = STYLE.find("@media (prefers-color-scheme: dark)");
+            assert!(found.is_some() && found < dark, "{rule}");
+        }
+    }
 
     #[test]
     fn the_page_is_small_and_asks_nobody_else() {

@@ -68,17 +68,36 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                 }
                 let channel = channel.and_then(Channel::new);
                 let disk = place.zip(reach);
+                let which = channel.map_or("all channels are".into(), |channel| {
+                    format!("channel {} is", channel.number())
+                });
                 let kind = Kind::Jammer { channel, disk };
-                simulation.medium.disturb(Disturbance { during, kind });
+                disturb(
+                    simulation,
+                    during,
+                    kind,
+                    ["jammed", "jammed no more"].map(|how| format!("{which} {how}")),
+                );
             }
             Action::Partition { .. } => {
                 let apart: BTreeSet<_> = nodes.iter().map(|node| node.antenna).collect();
-                let kind = Kind::Partition(apart);
-                simulation.medium.disturb(Disturbance { during, kind });
+                let words = [
+                    "some nodes and all others do not hear one another",
+                    "all nodes can hear one another again",
+                ];
+                disturb(
+                    simulation,
+                    during,
+                    Kind::Partition(apart),
+                    words.map(Into::into),
+                );
             }
             Action::Loss { share, .. } => {
-                let kind = Kind::Loss(share);
-                simulation.medium.disturb(Disturbance { during, kind });
+                let words = [
+                    format!("the radio loses {:.0} % more of the frames", 100.0 * share),
+                    "the radio loses no more than usual".into(),
+                ];
+                disturb(simulation, during, Kind::Loss(share), words);
             }
             Action::UnplugCamera { with_power, .. } => plan.during(
                 ["has its camera unplugged", "has its camera back"],
@@ -97,8 +116,11 @@ pub(super) fn schedule(simulation: &mut Simulation) {
             ),
             Action::Daylight { level, kelvin } => {
                 let light = simulation.light.clone();
+                let journal = simulation.journal.clone();
                 let changes = async move {
                     clock.sleep_until_time(at).await;
+                    let words = format!("the light is {level} times as bright, of {kelvin} kelvin");
+                    journal.borrow_mut().befalls(&words);
                     light.set(cmucam2_emulator::daylight(level, kelvin));
                 };
                 simulation.executor.spawn(changes);
@@ -168,12 +190,31 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                 if let Some(ears) = &ears {
                     let random = root.stream("forgery", number);
                     let every = nanoseconds(every_s);
+                    let words = ["an attacker sends frames", "the attacker is silent"];
+                    tell(simulation, during.clone(), words.map(Into::into));
                     let forge = attack::forge(clock, during, every, frames, ears.clone(), random);
                     simulation.executor.spawn(forge);
                 }
             }
         }
     }
+}
+
+/// Disturbs the radio for a while.
+fn disturb(simulation: &mut Simulation, during: Range<Time>, kind: Kind, words: [String; 2]) {
+    tell(simulation, during.clone(), words);
+    simulation.medium.disturb(Disturbance { during, kind });
+}
+
+/// Notes the begin and the end of something that befalls the whole site.
+fn tell(simulation: &mut Simulation, during: Range<Time>, words: [String; 2]) {
+    let (clock, journal) = (simulation.executor.clock(), simulation.journal.clone());
+    simulation.executor.spawn(async move {
+        for (at, words) in [during.start, during.end].into_iter().zip(words) {
+            clock.sleep_until_time(at).await;
+            journal.borrow_mut().befalls(&words);
+        }
+    });
 }
 
 /// An event that befalls a node, if the simulation has that.

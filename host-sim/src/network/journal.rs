@@ -148,6 +148,8 @@ pub(super) enum Moment {
     StopEnds,
     /// A message in words.
     Said(String),
+    /// Something that befalls the whole site, in words.
+    Befalls(String),
     /// A camera has done a command, or has not.
     Done(CameraCommand, CommandOutcome),
 }
@@ -263,12 +265,22 @@ impl Journal {
         }
     }
 
-    /// A line of the log.
+    /// A line of the log about a node.
     pub(super) fn note(&mut self, id: u16, what: Arguments<'_>) {
+        self.line(format_args!("node {id}: {what}"));
+    }
+
+    /// Notes something that befalls the whole site.
+    pub(super) fn befalls(&mut self, what: &str) {
+        self.line(format_args!("site: {what}"));
+        self.moment(0, || Moment::Befalls(what.to_owned()));
+    }
+
+    fn line(&mut self, what: Arguments<'_>) {
         if let Some(log) = &mut self.log {
             let at = self.clock.time();
             let (seconds, micros) = (at / 1_000_000_000, at / 1_000 % 1_000_000);
-            let line = format!("{seconds}.{micros:06} node {id}: {what}\n");
+            let line = format!("{seconds}.{micros:06} {what}\n");
             // In one piece, so that a program that is killed leaves whole lines. A full disk spoils the
             // log, not the run. The owner of the file learns of it.
             let _ = log.write_all(line.as_bytes());

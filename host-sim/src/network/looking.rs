@@ -227,6 +227,7 @@ impl Simulation {
                 node: Some(node),
                 words,
             },
+            Moment::Befalls(words) => What::Said { node: None, words },
         };
         Some(Event::new(at as f64 * 1e-9, what))
     }

@@ -82,6 +82,26 @@ fn json_has_these_keys_in_this_order() {
     );
 }
 
+/// A target that stands still is seen in the same column again and again: that is no further measurement.
+#[test]
+fn rows_that_repeat_others_count_once() {
+    let once = format!("{HEADER}{}", rows("7"));
+    let often = format!("{HEADER}{}", rows("7").repeat(40));
+    let [once, often] = [once, often].map(|input| {
+        let done = run_with_input(&["solve", "-", "--json", "--bearing-sigma", "0.01"], &input);
+        assert_eq!(done.code, 0);
+        done
+    });
+    assert_eq!(once.stdout, often.stdout);
+    assert!(!once.stderr.contains("repeat"), "{}", once.stderr);
+    assert!(often.stderr.contains("117 rows repeat"), "{}", often.stderr);
+    let rows = rows("7");
+    let row = rows.lines().next().unwrap();
+    let done = run_with_input(&["solve", "-"], &format!("{HEADER}{row}\n{row}\n{row}\n"));
+    assert_eq!(done.code, 1);
+    assert!(done.stderr.contains("waiting"), "{}", done.stderr);
+}
+
 #[test]
 fn names_of_cases_are_text_whatever_the_others_are() {
     let input = format!("{HEADER}{}{}{}", rows("7"), rows("08"), rows("hall"));

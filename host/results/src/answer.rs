@@ -96,6 +96,8 @@ pub struct Answer<'a> {
     pub sightings: usize,
     /// Number of sightings that were dropped as outliers.
     pub dropped: usize,
+    /// Number of rows that repeat another one, and count neither as sightings nor as dropped.
+    pub repeated: usize,
 }
 
 /// Solves cases, keeping its buffer from one to the next.
@@ -151,6 +153,7 @@ impl Solver {
             alternative,
             sightings: case.sightings.len() + case.unreadable,
             dropped,
+            repeated: case.repeated,
         }
     }
 
@@ -180,35 +183,41 @@ impl Solver {
 
 /// Number of cases by status and reason.
 #[derive(Clone, Debug, Default)]
-pub struct Tally(IndexMap<(Status, Option<Reason>), usize>);
+pub struct Tally {
+    cases: IndexMap<(Status, Option<Reason>), usize>,
+    /// Rows that repeat another one of their case.
+    pub repeated: usize,
+}
 
 impl Tally {
     /// Counts one.
     pub fn add(&mut self, answer: &Answer<'_>) {
-        *self.0.entry((answer.status, answer.reason)).or_default() += 1;
+        let case = self.cases.entry((answer.status, answer.reason));
+        *case.or_default() += 1;
+        self.repeated += answer.repeated;
     }
 
     /// Number of cases that have this reason.
     pub fn because(&self, reason: Reason) -> usize {
-        let all = self.0.iter();
+        let all = self.cases.iter();
         let of_it = all.filter(|((_, why), _)| *why == Some(reason));
         of_it.map(|(_, n)| n).sum()
     }
 
     /// Number of cases with this status.
     pub fn count(&self, status: Status) -> usize {
-        let all = self.0.iter().filter(|((of, _), _)| *of == status);
+        let all = self.cases.iter().filter(|((of, _), _)| *of == status);
         all.map(|(_, n)| n).sum()
     }
 
     /// Number of cases.
     pub fn total(&self) -> usize {
-        self.0.values().sum()
+        self.cases.values().sum()
     }
 
     /// All that occurred, with its count: [`Status::Calibrated`] first, then the most frequent.
     pub fn sorted(&self) -> Vec<((Status, Option<Reason>), usize)> {
-        let mut all: Vec<_> = self.0.iter().map(|(&s, &n)| (s, n)).collect();
+        let mut all: Vec<_> = self.cases.iter().map(|(&s, &n)| (s, n)).collect();
         all.sort_by_key(|&((status, _), n)| (status != Status::Calibrated, std::cmp::Reverse(n)));
         all
     }

@@ -20,6 +20,7 @@ mod seen;
 mod sweep;
 mod view;
 
+pub use cameras::status_colour;
 pub use run::{errors, map, residuals};
 pub use sweep::sweep;
 

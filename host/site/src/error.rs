@@ -168,15 +168,15 @@ pub enum ScenarioError {
         /// Number of stops that were wanted.
         stops: usize,
     },
-    /// A target would walk through an obstacle.
+    /// A target or an object would go through an obstacle.
     #[error(
-        "target {target} would walk through obstacle {obstacle} (or brush it) between its stops {stop} and {}: \
+        "{who} would go through obstacle {obstacle} (or brush it) between its stops {stop} and {}: \
          put a stop beside the obstacle between them, or move one of them",
         stop + 1
     )]
     Blocked {
-        /// Number of the target's node.
-        target: u16,
+        /// Name of the target, or of the object.
+        who: String,
         /// Number of the obstacle, from 1.
         obstacle: usize,
         /// Number of the stop before it, from 1.

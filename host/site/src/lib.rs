@@ -196,6 +196,12 @@ impl Scenario {
         self.unit_metres.unwrap_or(1.0)
     }
 
+    /// Returns true if the stops of any target are planned. Otherwise the file gives all of them.
+    pub(crate) fn is_planned(&self) -> bool {
+        let mut targets = self.networks.iter().flat_map(|network| &network.targets);
+        self.grid.is_some() || targets.any(|target| target.stops.is_none())
+    }
+
     /// Number of its path in the record of a run.
     pub fn recorded_path(&self) -> Option<u32> {
         u32::try_from(self.path).ok()

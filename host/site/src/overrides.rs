@@ -52,6 +52,17 @@ impl Overrides {
                 keys::check_number(key, value)?;
             }
         }
+        if !scenario.is_planned() {
+            let changed = [
+                ("path", self.path.is_some()),
+                ("stops", self.stops.is_some()),
+                ("placement", self.placement.is_some()),
+            ];
+            if let Some((option, _)) = changed.into_iter().find(|(_, is_changed)| *is_changed) {
+                let allowed = "left out: it is about planned stops, and the file gives the `stops` of all targets";
+                return Err(refuse(option, "given", allowed));
+            }
+        }
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.path = self.path.unwrap_or(scenario.path);
         scenario.stops = self.stops.unwrap_or(scenario.stops);

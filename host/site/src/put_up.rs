@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use calib_core::{
-    camera::{Camera as Optics, Distortion, Projection},
+    camera::{Camera as Optics, Projection},
     reference::Known,
 };
 use nalgebra::{Point2, Rotation2, Vector2};
@@ -13,7 +13,7 @@ use node_firmware::{
 };
 
 use super::{
-    check::{fault_rates, refuse},
+    check::{self, fault_rates, refuse},
     error::ScenarioError,
     file::{
         CameraTable, NetworkTable, OutlineTable, PillarTable, PlacedCamera, Scenario, TargetTable,
@@ -229,51 +229,15 @@ fn camera(
         placed.y.ok_or_else(|| missing("y"))?,
     );
     let heading_deg = placed.heading_deg.ok_or_else(|| missing("heading_deg"))?;
-    let size = table.size();
-    let projection = table.projection();
-    let degrees = table.field_of_view_deg();
-    let impossible = |field: &str, degrees: f64| {
-        refuse(
-            format!("{name}.{field}"),
-            degrees,
-            "a field of view that this projection can have",
-        )
-    };
-    let aspect = f64::from(table.kind.rows_per_column());
-    let lens = Lens::of_frame(projection, degrees.to_radians(), size, aspect)
-        .ok_or_else(|| impossible("field_of_view_deg", degrees))?;
-    // Both were checked with the file.
-    let folded = |key: &str| {
-        refuse(
-            format!("{name}.{key}"),
-            "[k1, k2]",
-            "no lens that folds its picture back",
-        )
-    };
-    let distortion = table.distortion();
-    let lens = { lens.with_distortion(distortion) }.ok_or_else(|| folded("distortion"))?;
     let believed = table.believed();
-    let model_lens = (
-        believed.projection,
-        table.model.field_of_view_deg.unwrap_or(degrees),
-    );
-    let model = Optics::new(model_lens.0, size[0], model_lens.1.to_radians())
-        .map_err(|_| impossible("model.field_of_view_deg", model_lens.1))?;
-    let model = match table.model.principal_column {
-        None => model,
-        Some(column) => model.with_principal_point(column).map_err(|_| {
-            let allowed = format!("a column of the lens, 0 to {}", size[0] - 1);
-            refuse(format!("{name}.model.principal_column"), column, allowed)
-        })?,
-    };
-    let [k1, k2] = table.model.distortion.unwrap_or(distortion);
-    let model =
-        { model.with_distortion(Distortion { k1, k2 }) }.map_err(|_| folded("model.distortion"))?;
+    let degrees = { table.model.field_of_view_deg }.unwrap_or_else(|| table.field_of_view_deg());
+    let model_lens = (believed.projection, degrees);
+    let model = check::model(name, table)?;
     let camera = Camera {
         place,
         heading: heading_deg.to_radians(),
         mount: mount(name, table, placed, ball_height)?,
-        lens,
+        lens: check::lens(name, table)?,
         range: table.range,
         variant: table.variant,
     };
@@ -307,9 +271,7 @@ fn outlines(table: &OutlineTable) -> Vec<ObstacleShape> {
             centre: Point2::new(x, y),
             radius,
         },
-        OutlineTable::Block(corners) => {
-            ObstacleShape::Polygon(corners.iter().copied().map(Point2::from).collect())
-        }
+        OutlineTable::Block(corners) => ObstacleShape::Polygon(places(corners)),
     };
     vec![one]
 }
@@ -451,8 +413,7 @@ pub(super) fn with_stops(scenario: &Scenario, site: Site) -> Result<Site, Scenar
     let way = first.map_or(&[][..], |target| &target.stops);
     let count = scenario.objects.len().max(1);
     let objects = scenario.objects.iter().enumerate().map(|(n, object)| {
-        let own = object.path.as_ref();
-        let path = own.map(|path| path.iter().copied().map(Point2::from).collect());
+        let path = object.path.as_deref().map(places);
         MovingObject {
             index: first_object + n,
             path: path.unwrap_or_else(|| {
@@ -462,7 +423,13 @@ pub(super) fn with_stops(scenario: &Scenario, site: Site) -> Result<Site, Scenar
             speed: object.speed.unwrap_or(scenario.walk.speed),
         }
     });
-    let objects = objects.collect();
+    let objects: Vec<MovingObject> = objects.collect();
+    for (n, (object, table)) in (1..).zip(objects.iter().zip(&scenario.objects)) {
+        if table.path.is_some() {
+            let who = format!("object {n}");
+            clear_way(scenario, (&who, table.radius), &object.path, &world)?;
+        }
+    }
     Ok(Site {
         world,
         networks,
@@ -566,9 +533,10 @@ fn stops(
     let network = &networks[place];
     let mut targets = network.targets.clone();
     for (target, own) in targets.iter_mut().zip(&scenario.networks[place].targets) {
+        let who = format!("target {}", own.id);
         if let Some(stops) = &own.stops {
-            target.stops = stops.iter().copied().map(Point2::from).collect();
-            clear_way(scenario, own, &target.stops, world)?;
+            target.stops = places(stops);
+            clear_way(scenario, (&who, own.radius), &target.stops, world)?;
             continue;
         }
         let plan = planned(scenario, place, networks, (target, own), world)?;
@@ -594,7 +562,7 @@ fn stops(
                 }
             }
         }
-        clear_way(scenario, own, &stops, world)?;
+        clear_way(scenario, (&who, own.radius), &stops, world)?;
         target.stops = stops;
     }
     Ok(targets)
@@ -739,16 +707,21 @@ pub(crate) fn limits(scenario: &Scenario) -> [f64; 2] {
     ]
 }
 
+fn places(places: &[[f64; 2]]) -> Vec<Point2<f64>> {
+    places.iter().copied().map(Point2::from).collect()
+}
+
+/// Refuses a way on which something of this name and radius would go through an obstacle.
 fn clear_way(
     scenario: &Scenario,
-    target: &TargetTable,
+    (who, radius): (&str, f64),
     stops: &[Point2<f64>],
     world: &World,
 ) -> Result<(), ScenarioError> {
     for (stop, leg) in (1..).zip(stops.windows(2)) {
-        if let Some(obstacle) = world.obstacle_on_way(leg[0], leg[1], target.radius) {
+        if let Some(obstacle) = world.obstacle_on_way(leg[0], leg[1], radius) {
             return Err(ScenarioError::Blocked {
-                target: target.id,
+                who: who.to_owned(),
                 obstacle: number_in_file(scenario, obstacle),
                 stop,
             });

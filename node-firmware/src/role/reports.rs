@@ -152,8 +152,14 @@ pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
     let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
         return old.state != new.state || old.done != new.done;
     };
-    // A tenth less sigma, or a pose that moved by a third of its sigma.
-    let variance = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
+    // A tenth less sigma, or more, or a pose that moved or turned by a third of its sigma.
+    let place = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
+    let turn = |pose: &PoseParts| pose.covariance[5];
+    let is_other_variance = |variance: fn(&PoseParts) -> f32| {
+        let [old, new] = [variance(old_pose), variance(new_pose)];
+        new < 0.81 * old || old < 0.81 * new
+    };
+    let turned = angle::wrap_signed(new_pose.heading - old_pose.heading);
     let moved = [0, 1].map(|axis| {
         let [a, b] =
             [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
@@ -172,9 +178,10 @@ pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
         || old.status() != new.status()
         || old.duty != new.duty
         || old.mount.is_some() != new.mount.is_some()
-        || variance(new_pose) < 0.81 * variance(old_pose)
-        || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
-        || moved[0] + moved[1] > 0.1 * variance(new_pose)
+        || is_other_variance(place)
+        || is_other_variance(turn)
+        || moved[0] + moved[1] > 0.1 * place(new_pose)
+        || turned * turned > 0.1 * turn(new_pose)
 }
 
 #[cfg(test)]

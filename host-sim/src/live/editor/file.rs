@@ -54,11 +54,7 @@ fn set(table: &mut dyn TableLike, key: &str, number: f64) {
         Some(old) => set_value(old, number),
         None => {
             let mut new = Value::from(rounded(number));
-            if let Some(space) = table
-                .iter_mut()
-                .last()
-                .and_then(|(_, last)| space_after(last))
-            {
+            if let Some(space) = space_at_end(table) {
                 new.decor_mut().set_suffix(space);
             }
             table.insert(key, Item::Value(new));
@@ -66,8 +62,20 @@ fn set(table: &mut dyn TableLike, key: &str, number: f64) {
     }
 }
 
+/// Removes a key. The space before the end of an inline table stays.
+fn remove(table: &mut dyn TableLike, key: &str) {
+    let is_last = table.iter().last().is_some_and(|(last, _)| last == key);
+    let space = if is_last { space_at_end(table) } else { None };
+    table.remove(key);
+    let last = table.iter_mut().last().map(|(_, item)| item);
+    if let (Some(space), Some(last)) = (space, last.and_then(Item::as_value_mut)) {
+        last.decor_mut().set_suffix(space);
+    }
+}
+
 /// Takes the space before the end of an inline table from its last value: another one comes there.
-fn space_after(last: &mut Item) -> Option<String> {
+fn space_at_end(table: &mut dyn TableLike) -> Option<String> {
+    let (_, last) = table.iter_mut().last()?;
     let decor = last.as_value_mut()?.decor_mut();
     let space = decor.suffix()?.as_str()?.to_owned();
     space.trim().is_empty().then(|| {
@@ -95,9 +103,7 @@ fn place(table: &mut dyn TableLike, new: &Placed) {
     for (key, number) in new.mount() {
         match number {
             Some(number) => set(table, key, number),
-            None => {
-                table.remove(key);
-            }
+            None => remove(table, key),
         }
     }
 }

@@ -55,6 +55,18 @@ fn a_moved_camera_changes_its_line_only() {
 }
 
 #[test]
+fn a_mount_that_is_set_and_taken_back_leaves_no_trace() {
+    let editor = Editor::new(THESIS).unwrap();
+    let mut layout = editor.layout().unwrap();
+    layout.networks[0][4].pitch_deg = Some(-10.0);
+    let tilted = editor.text(&layout).unwrap();
+    assert_ne!(tilted, THESIS);
+    let editor = Editor::new(&tilted).unwrap();
+    layout.networks[0][4].pitch_deg = None;
+    assert_eq!(editor.text(&layout).unwrap(), THESIS);
+}
+
+#[test]
 fn cameras_come_and_go() {
     let editor = Editor::new(THESIS).unwrap();
     let mut layout = editor.layout().unwrap();

@@ -29,6 +29,7 @@ fn circles(svg: &str, colour: &str) -> usize {
 
 const TARGET: &str = "#E66E14";
 const BAD: &str = "#C81E32";
+const NO_POSE: &str = "#480503";
 
 #[test]
 fn the_map_names_every_camera_and_shows_every_stop() {
@@ -52,7 +53,7 @@ fn the_map_names_every_camera_and_shows_every_stop() {
     // A dot and a ring each, and one in the legend.
     assert_eq!(circles(&svg, TARGET), 2 * record.targets[0].stops.len() + 1);
     // The blind camera and the legend.
-    assert_eq!(circles(&svg, BAD), 2);
+    assert_eq!(circles(&svg, NO_POSE), 2);
 }
 
 /// Errors of hundredths of a unit cannot be seen on a map of 30 units.
@@ -78,7 +79,7 @@ fn every_sighting_is_in_both_panels_of_the_residuals() {
     let sightings: usize = record.cameras().map(|c| c.sightings).sum();
     let svg = plot::residuals(&record).unwrap();
     assert_eq!(
-        circles(&svg, "#1F62B2") + circles(&svg, BAD),
+        circles(&svg, "#0068A8") + circles(&svg, BAD),
         2 * sightings + 2
     );
 }
@@ -158,7 +159,7 @@ fn stops_of_a_sweep_are_over_their_numbers() {
     };
     let boxes: Vec<_> = document
         .descendants()
-        .filter(|n| n.has_tag_name("rect") && n.attribute("fill") == Some("#1F62B2"))
+        .filter(|n| n.has_tag_name("rect") && n.attribute("fill") == Some("#0068A8"))
         .collect();
     // The boxes of the last panel, after two of 13 cameras each; references have no box of position.
     let stops = &boxes[boxes.len() - 39..];
@@ -263,10 +264,13 @@ fn the_map_tells_what_estimates_are_worth() {
     };
     // An arrow head and a mark each, and the legend's.
     assert_eq!(
-        [marks("polygon", "#7B3FA0"), marks("polygon", "#D0108A")],
+        [marks("polygon", "#897004"), marks("polygon", "#B84E63")],
         [3, 3]
     );
-    assert_eq!([marks("polyline", BAD), marks("circle", BAD)], [2, 2]);
+    assert_eq!(
+        [marks("polyline", NO_POSE), marks("circle", NO_POSE)],
+        [2, 2]
+    );
 }
 
 /// A wall in front of a camera ends its field of view.

@@ -229,6 +229,43 @@ fn a_reader_that_has_gone_changes_no_exit_code() {
     assert!(fs::exists(&csv).unwrap());
 }
 
+/// Events of the whole site have no node: they stand in the log all the same.
+#[test]
+fn the_log_tells_what_befalls_the_whole_site() {
+    let files = Files::new();
+    let lab = include_str!("../../../../host/site/scenarios/lab.toml");
+    let events = "
+[[event]]
+at_s = 1.0
+action = { jam = { for_s = 0.5, channel = 15 } }
+[[event]]
+at_s = 2.0
+action = { partition = { nodes = [1], for_s = 0.5 } }
+[[event]]
+at_s = 3.0
+action = { loss = { share = 0.25, for_s = 0.5 } }
+[[event]]
+at_s = 4.0
+action = { daylight = { level = 0.9, kelvin = 6000.0 } }
+";
+    let file = files.write("events.toml", &format!("{lab}{events}"));
+    let log = files.path("log");
+    let done = run(&["run", &file, "--log", &log]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let log = std::fs::read_to_string(&log).unwrap();
+    for line in [
+        "1.000000 site: channel 15 is jammed",
+        "1.500000 site: channel 15 is jammed no more",
+        "2.000000 site: some nodes and all others do not hear one another",
+        "2.500000 site: all nodes can hear one another again",
+        "3.000000 site: the radio loses 25 % more of the frames",
+        "3.500000 site: the radio loses no more than usual",
+        "4.000000 site: the light is 0.9 times as bright, of 6000 kelvin",
+    ] {
+        assert!(log.lines().any(|told| told == line), "{line}");
+    }
+}
+
 /// The key, and the owner of every short address. Another test has tshark read it.
 #[test]
 fn a_capture_comes_with_what_decrypts_it() {

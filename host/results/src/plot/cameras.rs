@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use calib_core::{Pose, Status};
 use nalgebra::{Point2, Rotation2, Vector2};
 
-use super::canvas::{BAD, CAMERA, Colour, Entry, GREY, Mark, Plane, area, ellipse, line};
+use super::canvas::{CAMERA, Colour, Entry, GREY, Mark, Plane, area, ellipse, line};
 use crate::record::Node;
 
 /// Length of the arrow that tells a heading, pixels.
@@ -21,6 +21,14 @@ pub(super) enum Worth {
     Waiting,
     /// Has no pose, and was not meant to have one.
     NotPlanned,
+}
+
+/// Of cameras without a pose.
+const NO_POSE: Colour = "#480503";
+
+/// Colour of cameras of this status, such as `#0068A8`: on maps, and by day on the page that shows a network.
+pub fn status_colour(status: Status) -> &'static str {
+    Worth::from(status).colour()
 }
 
 impl Worth {
@@ -44,10 +52,10 @@ impl Worth {
     fn style(self) -> (&'static str, Mark, Colour) {
         match self {
             Self::Calibrated => ("calibrated", Mark::Dot, CAMERA),
-            Self::Weak => ("weak", Mark::Diamond, "#7B3FA0"),
-            Self::Doubtful => ("doubtful", Mark::Triangle, "#D0108A"),
-            Self::Refused => ("refused", Mark::Cross, BAD),
-            Self::Waiting => ("waiting", Mark::Ring, BAD),
+            Self::Weak => ("weak", Mark::Diamond, "#897004"),
+            Self::Doubtful => ("doubtful", Mark::Triangle, "#B84E63"),
+            Self::Refused => ("refused", Mark::Cross, NO_POSE),
+            Self::Waiting => ("waiting", Mark::Ring, NO_POSE),
             Self::NotPlanned => ("not planned", Mark::Ring, GREY),
         }
     }

@@ -16,7 +16,7 @@ use super::PlotError;
 
 pub(super) type Colour = &'static str;
 
-pub(super) const CAMERA: Colour = "#1F62B2";
+pub(super) const CAMERA: Colour = "#0068A8";
 pub(super) const TARGET: Colour = "#E66E14";
 pub(super) const BAD: Colour = "#C81E32";
 pub(super) const INK: Colour = "#323232";

@@ -10,7 +10,8 @@
 //! | `sigma_rad` | optional: standard deviation of the direction, radians, above 0 |
 //! | `target_sigma` | optional: standard deviation of the target's place in x and in y, 0 or more |
 //!
-//! The rows of a case may stand anywhere in the file.
+//! The rows of a case may stand anywhere in the file. A row that repeats the place and the direction of another one of
+//! its case does not count.
 
 use std::{
     collections::{HashSet, hash_map::RandomState},
@@ -55,7 +56,15 @@ pub struct Case {
     pub sightings: Vec<Sighting<f64>>,
     /// Number of its rows that could not be read.
     pub unreadable: usize,
+    /// Number of its rows that repeat the place and the direction of another one. They tell nothing new: a target
+    /// that stands still is seen in the same whole column again and again.
+    pub repeated: usize,
+    /// The places and directions so far, once there are [`FEW`] or more.
+    known: HashSet<[u64; 3]>,
 }
+
+/// Sightings of a case that are compared one by one.
+const FEW: usize = 32;
 
 impl Recording {
     /// Number of cases.
@@ -268,8 +277,7 @@ pub fn each<E: From<ReadError>>(
                     if !name.is_empty() {
                         take(&name, &next)?;
                     }
-                    next.sightings.clear();
-                    next.unreadable = 0;
+                    next.clear();
                     next.add(sighting);
                     case = Some(next);
                     name.clear();
@@ -344,8 +352,28 @@ impl Case {
     /// One more of its rows.
     fn add(&mut self, sighting: Option<Sighting<f64>>) {
         match sighting {
+            Some(sighting) if self.has(&sighting) => self.repeated += 1,
             Some(sighting) => self.sightings.push(sighting),
             None => self.unreadable += 1,
         }
+    }
+
+    fn has(&mut self, sighting: &Sighting<f64>) -> bool {
+        let of =
+            |one: &Sighting<f64>| [one.target.x, one.target.y, one.ray.bearing()].map(f64::to_bits);
+        if self.sightings.len() < FEW {
+            let mut all = self.sightings.iter();
+            return all.any(|other| other.target == sighting.target && other.ray == sighting.ray);
+        }
+        if self.known.is_empty() {
+            self.known.extend(self.sightings.iter().map(of));
+        }
+        !self.known.insert(of(sighting))
+    }
+
+    fn clear(&mut self) {
+        self.sightings.clear();
+        self.known.clear();
+        (self.unreadable, self.repeated) = (0, 0);
     }
 }

@@ -4,12 +4,12 @@ mod events;
 
 use std::{collections::BTreeSet, fmt::Display, ops::RangeInclusive};
 
-use calib_core::camera::{CameraError, Projection};
+use calib_core::camera::{Camera as Optics, Distortion, Projection};
 use cmucam2_emulator::{FaultRates, Lens};
 use nalgebra::Vector2;
 use node_firmware::{
     limits::{COLOURS_MAX, MEMBERS},
-    vision::{CameraKind, LensError},
+    vision::CameraKind,
 };
 
 use super::{
@@ -65,6 +65,11 @@ fn place(field: &str, place: [f64; 2], scenario: &Scenario) -> Checked {
     Err(refuse(field, found, allowed))
 }
 
+fn places(field: &str, places: Option<&[[f64; 2]]>, scenario: &Scenario) -> Checked {
+    let mut places = (1..).zip(places.into_iter().flatten());
+    places.try_for_each(|(n, &place)| self::place(&format!("{field}, place {n}"), place, scenario))
+}
+
 /// All but what needs the world to be put up.
 pub(super) fn scenario(scenario: &Scenario) -> Checked {
     unit(scenario)?;
@@ -86,6 +91,13 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
     let mut ids = BTreeSet::new();
     for (n, network) in (1..).zip(&scenario.networks) {
         self::network(scenario, &format!("network {n}"), network, &mut ids)?;
+    }
+    for (n, object) in (1..).zip(&scenario.objects) {
+        places(
+            &format!("object {n}.path"),
+            object.path.as_deref(),
+            scenario,
+        )?;
     }
     events::check(scenario, &ids)
 }
@@ -119,23 +131,9 @@ fn world(scenario: &Scenario) -> Checked {
 }
 
 pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
-    let projection = camera.projection();
-    let degrees = camera.field_of_view_deg();
-    view(&format!("{name}.field_of_view_deg"), degrees, projection)?;
-    let believed = camera.believed();
-    if let Some(degrees) = camera.model.field_of_view_deg {
-        let field = format!("{name}.model.field_of_view_deg");
-        view(&field, degrees, believed.projection)?;
-    }
-    let last = f64::from(believed.columns) - 1.0;
-    number(
-        format!("{name}.model.principal_column"),
-        camera.model.principal_column.unwrap_or(0.0),
-        0.0..=last,
-        ": a column of the lens",
-    )?;
-    folds(name, camera)?;
-    if camera.variant == Variant::Stage && projection != Projection::EqualAngle {
+    lens(name, camera)?;
+    model(name, camera)?;
+    if camera.variant == Variant::Stage && camera.projection() != Projection::EqualAngle {
         return Err(refuse(
             format!("{name}.projection"),
             "pin-hole",
@@ -163,31 +161,62 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
 /// The fault that all kinds of cameras have.
 const CORRUPT_LINE: &str = "corrupt_line";
 
-/// Refuses lenses of which the distortion would fold the picture back: the real one, or the one that nodes believe.
-fn folds(name: &str, camera: &CameraTable) -> Checked {
-    let refused = |key: &str, [k1, k2]: [f64; 2]| {
-        let allowed = "those of a lens that does not fold the corners of its picture back: check their signs, and that \
-                       they are those of this field of view";
-        Err(refuse(
-            format!("{name}.{key}"),
-            format!("[{k1}, {k2}]"),
-            allowed,
-        ))
-    };
-    let (own, model) = (camera.distortion(), camera.model.distortion);
+/// The lens that a camera has.
+///
+/// # Errors
+/// Its field of view is not one of its projection, or its distortion folds the picture back.
+pub(super) fn lens(name: &str, camera: &CameraTable) -> Result<Lens, ScenarioError> {
+    let projection = camera.projection();
+    let degrees = camera.field_of_view_deg();
+    let field = format!("{name}.field_of_view_deg");
+    view(&field, degrees, projection)?;
     let aspect = f64::from(camera.kind.rows_per_column());
-    let view = camera.field_of_view_deg().to_radians();
-    let lens = Lens::of_frame(camera.projection(), view, camera.size(), aspect);
-    if lens.is_some_and(|lens| lens.with_distortion(own).is_none()) {
-        return refused("distortion", own);
+    let own = camera.distortion();
+    Lens::of_frame(projection, degrees.to_radians(), camera.size(), aspect)
+        .ok_or_else(|| refuse(field, degrees, "a field of view of this projection"))?
+        .with_distortion(own)
+        .ok_or_else(|| folds(format!("{name}.distortion"), own))
+}
+
+/// The lens that the node of a camera believes to have.
+///
+/// # Errors
+/// As for [`lens`], or its optical axis is not within its columns.
+pub(super) fn model(name: &str, camera: &CameraTable) -> Result<Optics<f64>, ScenarioError> {
+    let believed = camera.believed();
+    let own = &camera.model;
+    let degrees = { own.field_of_view_deg }.unwrap_or_else(|| camera.field_of_view_deg());
+    let field = format!("{name}.model.field_of_view_deg");
+    if own.field_of_view_deg.is_some() {
+        view(&field, degrees, believed.projection)?;
     }
-    match (camera.believed().camera(), model) {
-        (Err(LensError::Camera(CameraError::Distortion)), Some(told)) => {
-            refused("model.distortion", told)
+    let model = Optics::new(believed.projection, believed.columns, degrees.to_radians())
+        .map_err(|_| refuse(field, degrees, "a field of view of this projection"))?;
+    let model = match own.principal_column {
+        None => model,
+        Some(column) => {
+            let field = format!("{name}.model.principal_column");
+            let last = f64::from(believed.columns) - 1.0;
+            number(&field, column, 0.0..=last, ": a column of the lens")?;
+            let refused = |_| refuse(field, column, "a column of the lens");
+            model.with_principal_point(column).map_err(refused)?
         }
-        (Err(LensError::Camera(CameraError::Distortion)), None) => refused("distortion", own),
-        _ => Ok(()),
-    }
+    };
+    let [k1, k2] = { own.distortion }.unwrap_or_else(|| camera.distortion());
+    model.with_distortion(Distortion { k1, k2 }).map_err(|_| {
+        let key = match own.distortion {
+            Some(_) => "model.distortion",
+            None => "distortion",
+        };
+        folds(format!("{name}.{key}"), [k1, k2])
+    })
+}
+
+/// Refusal of a lens of which the distortion folds the picture back.
+fn folds(field: String, [k1, k2]: [f64; 2]) -> ScenarioError {
+    let allowed = "those of a lens that does not fold the corners of its picture back: check their signs, and that \
+                   they are those of this field of view";
+    refuse(field, format!("[{k1}, {k2}]"), allowed)
 }
 
 fn view(field: &str, degrees: f64, projection: Projection) -> Checked {
@@ -420,9 +449,7 @@ fn views_meet(baseline: Vector2<f64>, first: (f64, f64), second: (f64, f64)) -> 
 }
 
 fn target(scenario: &Scenario, name: &str, target: &TargetTable) -> Checked {
-    for (n, &stop) in (1..).zip(target.stops.iter().flatten()) {
-        place(&format!("{name}.stops, place {n}"), stop, scenario)?;
-    }
+    places(&format!("{name}.stops"), target.stops.as_deref(), scenario)?;
     if let Some(window) = target.window
         && !window.is_ordered()
     {

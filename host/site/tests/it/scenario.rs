@@ -55,6 +55,31 @@ fn error(text: &str) -> String {
     }
 }
 
+/// They are about planned stops.
+#[test]
+fn changes_of_a_plan_are_refused_where_nothing_is_planned() {
+    let own = "target = [{ id = 20, stops = [[4.0, 4.0], [6.0, 4.0], [5.0, 6.0]] }]";
+    let text = small("", own);
+    let path = Overrides {
+        path: Some(2),
+        ..Overrides::default()
+    };
+    let stops = Overrides {
+        stops: Some(4),
+        ..Overrides::default()
+    };
+    for (changes, name) in [(path, "`path`"), (stops, "`stops`")] {
+        let message = Scenario::from_toml(&text, &changes)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains(name) && message.contains("left out"),
+            "{message}"
+        );
+        assert!(Scenario::from_toml(&small("", TARGET), &changes).is_ok());
+    }
+}
+
 /// Table 4.1, as the file that the other figures use has it.
 #[test]
 fn thesis_13_has_the_cameras_of_table_4_1() {
@@ -459,6 +484,17 @@ fn what_is_wrong_is_named() {
                 "target = [{ id = 20, stops = [[0.0, 7.0], [4.95, 7.0], [4.95, 6.1]] }]",
             ),
             ["obstacle 1", "stops 2 and 3"],
+        ),
+        (
+            small("[[object]]\npath = [[1.0, 1.0], [1.0, 500.0]]", TARGET),
+            ["`object 1.path, place 2` is (1, 500)", "world.high"],
+        ),
+        (
+            small(
+                &format!("{wall}\n[[object]]\npath = [[3.0, 1.0], [8.0, 1.0]]"),
+                "target = [{ id = 20, stops = [[0.0, 7.0], [4.0, 7.0], [9.0, 7.0]] }]",
+            ),
+            ["object 1 would go through obstacle 1", "stops 1 and 2"],
         ),
         (
             small(

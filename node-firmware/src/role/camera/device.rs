@@ -3,7 +3,7 @@
 use super::CameraTask;
 use crate::message::{CameraCommand, MemberAddress, Sight, StopNumber, Stopped};
 
-/// A target asked for a look.
+/// Look that a target asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LookRequest {
     pub(super) target: MemberAddress,
@@ -22,7 +22,7 @@ enum Start {
     /// It is starting.
     Starting,
     Ready,
-    /// It does not start so far.
+    /// It has not started yet, and is tried again.
     Failed,
 }
 
@@ -30,12 +30,12 @@ enum Start {
 #[derive(Clone, Debug)]
 pub(super) struct Device {
     start: Start,
-    /// It has a task that is not over.
+    /// True while a task goes on.
     is_busy: bool,
     looking: Option<LookRequest>,
     next_look: Option<LookRequest>,
     next_command: Option<CameraCommand>,
-    /// It is to adapt to the light when nothing else waits.
+    /// True if it is to adapt to the light once nothing else waits.
     adapts_next: bool,
 }
 
@@ -56,7 +56,7 @@ impl Device {
         matches!(self.start, Start::Ready)
     }
 
-    /// Answer of a camera that does not look.
+    /// Returns the answer of a camera that cannot look.
     pub(super) const fn excuse(&self) -> Sight {
         match self.start {
             Start::Starting | Start::Ready => Sight::NotReady,
@@ -68,12 +68,12 @@ impl Device {
         self.start = Start::Ready;
     }
 
-    /// It does not start; it goes on trying.
+    /// Marks a failed start. It is tried again.
     pub(super) const fn on_failed(&mut self) {
         self.start = Start::Failed;
     }
 
-    /// It has to start anew, in the middle of a look. Returns the requests that are given up.
+    /// Restarts it, even during a look. Returns the requests that are given up.
     pub(super) fn on_starting(&mut self) -> ([Option<LookRequest>; 2], Option<CameraCommand>) {
         self.start = Start::Starting;
         self.is_busy = false;
@@ -82,9 +82,8 @@ impl Device {
         (requests, self.next_command.take())
     }
 
-    /// Has a command carried out next. Another one that waits is given up. Before the camera has started,
-    /// this one is given up: its start time, and its view then, are not known. Returns the command that is
-    /// given up.
+    /// Has a command carried out next. Returns the command that is given up for it: the one that waited. Before the
+    /// camera has started it is this one: it is unknown when it could be carried out.
     pub(super) const fn command(&mut self, command: CameraCommand) -> Option<CameraCommand> {
         if self.is_ready() {
             self.next_command.replace(command)
@@ -93,7 +92,7 @@ impl Device {
         }
     }
 
-    /// Has it look. The later one of two requests that wait counts; the other target asks again.
+    /// Has it look. Of two requests that wait the later one counts. The other target asks again.
     pub(super) fn look(&mut self, request: LookRequest) {
         match &mut self.looking {
             Some(looking) if looking.stop() == request.stop() => *looking = request,
@@ -101,18 +100,18 @@ impl Device {
         }
     }
 
-    /// Has it adapt to the light when it has the time.
+    /// Has it adapt to the light once it has time.
     pub(super) const fn adapt(&mut self) {
         self.adapts_next = true;
     }
 
-    /// Stops that are looked at or will be.
+    /// Stops of the look that goes on and of the one that waits.
     pub(super) fn requested(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
         let requests = [&self.looking, &self.next_look].into_iter().flatten();
         requests.map(LookRequest::stop)
     }
 
-    /// The next task, if it has the time.
+    /// Returns the next task, if none goes on.
     pub(super) fn next_task(&mut self) -> Option<CameraTask> {
         if self.is_busy {
             return None;
@@ -135,18 +134,18 @@ impl Device {
         Some(CameraTask::Look { colour })
     }
 
-    /// A look is over. Returns its request, if that is still of interest.
+    /// Ends a look. Returns its request, if that still counts.
     pub(super) const fn on_looked(&mut self) -> Option<LookRequest> {
         self.is_busy = false;
         self.looking.take()
     }
 
-    /// A command is carried out, or failed.
+    /// Ends a command.
     pub(super) fn on_done(&mut self, command: CameraCommand) {
         self.is_busy &= matches!(command, CameraCommand::Track { .. });
     }
 
-    /// Drops all requests, a look that goes on included.
+    /// Drops all requests, even that of a look that goes on.
     pub(super) fn forget_requests(&mut self) {
         self.looking = None;
         self.next_look = None;

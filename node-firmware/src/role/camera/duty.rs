@@ -1,5 +1,4 @@
-//! Further duties of a reference camera: the first one solves, the second one tells it its bearings (thesis
-//! 2.6.1).
+//! Duties of a reference camera: the second one sends its bearings to the first one, which solves (thesis 2.6.1).
 
 use calib_core::{Status, dead_reckoning::Place};
 use zigbee_link::{Instant, wire::ShortAddress};
@@ -21,7 +20,7 @@ use crate::{
     role::{CONTRADICTION, Unsaved, contradiction},
 };
 
-/// A pose is not replaced by one whose variance is larger by this factor.
+/// Factor of the variance beyond which a pose does not replace another one.
 const LESS: f32 = 1.5;
 
 /// The references, and their sightings of targets that did not know their place.
@@ -29,11 +28,11 @@ const LESS: f32 = 1.5;
 pub(super) struct ReferenceDuty {
     references: Option<References>,
     stops: ReferenceStops,
-    /// The pose that the first one solved for the second, which may not have heard it.
+    /// Pose of the second reference as the first one solved it. The second one may not have heard it.
     second: Option<Report>,
     /// Place of a target, as the first one solved it.
     location: Option<(MemberAddress, TargetLocation)>,
-    /// The stops of both references have changed since the last solve.
+    /// True if stops of the references have changed since the last solve.
     to_solve: bool,
 }
 
@@ -57,17 +56,17 @@ impl ReferenceDuty {
         self.references?.duty_of(member?)
     }
 
-    /// The pose that the first reference solved for the second one.
+    /// Returns the pose that the first reference solved for the second one.
     pub(super) const fn second(&self) -> Option<Report> {
         self.second
     }
 
-    /// Place of a target, for that target.
+    /// Returns the place of a target, for that target.
     pub(super) const fn location(&self) -> Option<(MemberAddress, TargetLocation)> {
         self.location
     }
 
-    /// This camera's sighting at a stop.
+    /// Returns the sighting of this camera at a stop.
     pub(super) fn own_at(&self, target: MemberAddress, stop: StopNumber) -> Option<Seen> {
         let mut stops = self.stops.iter();
         stops
@@ -81,7 +80,7 @@ impl ReferenceDuty {
         mine.map(|stop| (stop.target, stop.stop))
     }
 
-    /// Takes the references, if there are any: returns true if they are news.
+    /// Takes the references, if there are any. Returns true if these are other ones.
     pub(super) fn appoint(
         &mut self,
         references: &References,
@@ -94,7 +93,7 @@ impl ReferenceDuty {
         }
         let pair = |of: &References| (of.first, of.second);
         if self.references.as_ref().map(pair) != references.as_ref().map(pair) {
-            // Another camera's sightings, or its pose, are of no use to this one.
+            // Sightings of another pair, or its pose, are of no use.
             self.forget_second(unsaved);
             let kept = self.stops.forget_other();
             rewrite(kept, unsaved);
@@ -109,7 +108,7 @@ impl ReferenceDuty {
         true
     }
 
-    /// This camera saw a target there.
+    /// Adds a sighting of this camera.
     pub(super) fn on_own(
         &mut self,
         (target, stop): (MemberAddress, StopNumber),
@@ -122,7 +121,7 @@ impl ReferenceDuty {
         }
     }
 
-    /// The second reference saw it.
+    /// Adds a sighting of the second reference.
     pub(super) fn on_other(&mut self, bearing: &StopBearing, unsaved: &mut Unsaved) {
         if let Some(index) = self.stops.other(bearing.target, bearing.stop, bearing.seen) {
             unsaved.insert(reference_stop(index));
@@ -130,23 +129,23 @@ impl ReferenceDuty {
         self.to_solve = true;
     }
 
-    /// The stops are to be solved again.
+    /// Marks the stops to be solved again.
     pub(super) const fn solve_again(&mut self) {
         self.to_solve = true;
     }
 
-    /// Returns true if the stops are to be solved now. Says so once.
+    /// Returns true, once, if the stops are to be solved now.
     pub(super) const fn take_to_solve(&mut self) -> bool {
         core::mem::replace(&mut self.to_solve, false)
     }
 
-    /// Known parts of the frame of the site before the solve, if there are references.
+    /// Returns the known parts of the frame before the solve, if there are references.
     fn frame(&self, config: &CameraConfig) -> Option<ReferenceFrame> {
         let references = self.references.as_ref()?;
         Some(ReferenceFrame::new(references, config))
     }
 
-    /// Results for others, to be told to them.
+    /// Keeps the results for others: the pose of the second reference, and the place of the target.
     pub(super) fn on_solved(
         &mut self,
         second: Report,
@@ -165,8 +164,7 @@ impl ReferenceDuty {
         rewrite(kept, unsaved);
     }
 
-    /// Forgets sightings and results, but not the references. Every stop is written anew, for some may be in
-    /// the flash alone.
+    /// Forgets sightings and results, but not the references. All stops are saved anew: some may be in the flash alone.
     pub(super) fn forget(&mut self, unsaved: &mut Unsaved) {
         self.stops.clear();
         rewrite(REFERENCE_STOPS, unsaved);
@@ -175,7 +173,7 @@ impl ReferenceDuty {
         self.location = None;
     }
 
-    /// There are no references any more.
+    /// Forgets the references.
     pub(super) fn dismiss(&mut self, unsaved: &mut Unsaved) {
         if self.references.take().is_some() {
             unsaved.insert(FactKey::References);
@@ -205,19 +203,19 @@ impl ReferenceDuty {
         self.stops.restore(stop)
     }
 
-    /// One of its facts, to be written down.
+    /// Returns a fact that is to be saved.
     pub(super) fn stop_fact(&self, index: u8) -> Fact {
         let stop = self.stops.iter().nth(index.into()).copied();
         Fact::ReferenceStop(index, stop)
     }
 }
 
-/// The key of a stop of the references.
+/// Key of a stop in the store.
 pub(super) const fn reference_stop(index: usize) -> FactKey {
     FactKey::ReferenceStop(index as u8)
 }
 
-/// The first so many stops are to be written anew.
+/// Marks the first `stops` stops to be saved anew.
 fn rewrite(stops: usize, unsaved: &mut Unsaved) {
     for index in 0..stops {
         unsaved.insert(reference_stop(index));
@@ -225,13 +223,13 @@ fn rewrite(stops: usize, unsaved: &mut Unsaved) {
 }
 
 impl CameraRole {
-    /// The first reference camera has to know this camera's sighting.
+    /// Has a sighting sent to the first reference.
     pub(super) fn notify_bearing(
         &mut self,
         now: Instant,
         (target, stop): (MemberAddress, StopNumber),
     ) {
-        // A stop may have made room for this one. So there are never more than the list holds.
+        // A dropped stop needs no message. So there are never more messages than the list holds.
         let duty = &self.duty;
         self.notifications
             .retain(|notification| match notification {
@@ -243,7 +241,7 @@ impl CameraRole {
         }
     }
 
-    /// The first reference camera has to know all of this camera's sightings.
+    /// Has all sightings sent to the first reference.
     pub(super) fn notify_bearings(&mut self, now: Instant) {
         self.cancel_bearings();
         for (target, stop) in self.duty.own_stops() {
@@ -257,7 +255,7 @@ impl CameraRole {
             .retain(|notification| !matches!(notification, CameraNotification::Bearing(..)));
     }
 
-    /// The coordinator tells the references.
+    /// Takes the references from the coordinator.
     pub(super) fn on_references(&mut self, now: Instant, references: &References) {
         let is_news = self
             .duty
@@ -277,7 +275,7 @@ impl CameraRole {
         }
     }
 
-    /// The second reference camera saw a target.
+    /// Takes a sighting of the second reference.
     pub(super) fn on_bearing(&mut self, now: Instant, bearing: &StopBearing) {
         if self.own_duty() != Some(Duty::First) || !bearing.seen.is_usable() {
             return;
@@ -285,19 +283,19 @@ impl CameraRole {
         if self.progress.pose().is_none() {
             self.duty.on_other(bearing, &mut self.unsaved);
         } else if self.duty.second().is_some() {
-            // It has not heard its pose, or lost it.
+            // It did not hear its pose, or lost it.
             self.notify(CameraNotification::Posed, now);
         }
     }
 
-    /// The first reference camera tells this one, the second, its pose.
+    /// Takes the pose of this camera, the second reference, from the first one.
     pub(super) fn on_posed(&mut self, now: Instant, solved: &Report) {
         self.cancel_bearings();
         self.on_own_pose(now, Duty::Second, solved);
     }
 
-    /// A target solved this camera's pose with all that it knows. Of several targets, the camera believes the
-    /// surer one.
+    /// Takes the pose of this camera from a target that estimated everything jointly. Of several targets the camera
+    /// believes the one that is surer.
     pub(super) fn on_joint(&mut self, now: Instant, from: MemberAddress, solved: &Report) {
         let report = *self.progress.report();
         let variance = |report: &Report| {
@@ -306,7 +304,7 @@ impl CameraRole {
                 pose.covariance[0] + pose.covariance[2]
             })
         };
-        // A target that began anew, or another one, may know less than the camera does. Where the same one has as many
+        // Another target, or one that began anew, may know less than the camera. If the same target has as many
         // sightings or more, it has learnt that its steps err by more than it believed.
         let is_same_or_more =
             self.solved_by.is_none_or(|by| by == from) && solved.used >= report.used;
@@ -320,7 +318,7 @@ impl CameraRole {
             (is_trusted && report.joint.is_some(), report.pose(), poses)
             && contradiction(&own, &other) > CONTRADICTION
         {
-            // It was moved, or the solver errs. Neither is told as good until the next stop tells.
+            // The camera was moved, or the solver errs. The pose is doubtful until the next stop decides.
             let state = CameraState::Doubtful(*held);
             self.update(now, Report { state, ..report });
             self.notify(CameraNotification::Report(from), now);
@@ -329,8 +327,7 @@ impl CameraRole {
         if is_trusted && knows_less && solved.status() != Status::Doubtful {
             return;
         }
-        // A place that the camera was given is not given up for one that another node finds for it: the
-        // camera was moved, and its place is not known now.
+        // A given place is not replaced by an estimated one: the camera was moved, and its place is unknown now.
         if let (Some(held), [Some(own), Some(other)]) = (report.pose(), poses)
             && is_given(held)
             && !solved.pose().is_some_and(is_given)
@@ -344,11 +341,11 @@ impl CameraRole {
             return;
         }
         self.solved_by = Some(from);
-        // A pose that this camera's own sightings contradict does not become good by being told again: the
-        // solver left out the measurements that do not fit.
+        // If the sightings of this camera contradict a pose, it stays doubtful when the target repeats it: the target
+        // left out the sightings that do not fit.
         let is_same = matches!(poses, [Some(own), Some(other)]
             if contradiction(&own, &other) <= CONTRADICTION);
-        // The place that a camera was given is not its own any more either if it looks elsewhere now.
+        // If a reference looks in another direction now, its given place may be wrong too.
         self.was_moved |=
             self.is_watched_doubtful && !is_same && solved.pose().is_some_and(is_given);
         self.is_watched_doubtful &= is_same || self.was_moved;
@@ -357,7 +354,7 @@ impl CameraRole {
             self.missed = 0.0;
         }
         self.is_told_doubtful = solved.status() == Status::Doubtful;
-        // The camera sees through another lens than all believe: its own result counts.
+        // The lens is another one than was told: the camera's own result counts.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
             Some(state) if report.duty.is_none() && solved.mount.is_none() => state,
             _ => {
@@ -441,9 +438,9 @@ impl CameraRole {
         }
     }
 
-    /// This reference camera now knows its pose.
+    /// Takes the pose of this reference.
     fn on_own_pose(&mut self, now: Instant, duty: Duty, solved: &Report) {
-        // The stops are erased when this is written down.
+        // The stops are erased once the pose is saved.
         self.update(now, self.progress.solved(duty, solved));
     }
 }

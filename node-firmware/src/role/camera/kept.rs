@@ -1,22 +1,21 @@
-//! A list whose places are places in the flash.
+//! List of which each entry has a fixed place in the flash.
 
 use crate::{
     limits::TARGETS,
     message::{MemberAddress, StopNumber},
 };
 
-/// Knowledge from stops of targets.
+/// Entry that belongs to a stop of a target.
 pub(super) trait OfStop {
     /// The target and its stop.
     fn key(&self) -> (MemberAddress, StopNumber);
 }
 
-/// Up to `N`, each in its place until it goes. When there are so many, the one that came first
-/// makes room: the stops of several targets have no other order.
+/// Up to `N` entries. Each keeps its place until it is dropped. A full list drops the entry that came first.
 #[derive(Clone, Debug)]
 pub(super) struct Kept<T, const N: usize> {
     list: heapless::Vec<T, N>,
-    /// Place of the oldest, when all are taken.
+    /// Place of the oldest entry of a full list.
     first: usize,
 }
 
@@ -57,7 +56,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         self.first = 0;
     }
 
-    /// Drops all that are not `wanted`. Those behind them move up.
+    /// Drops all entries that are not `wanted`. Later ones move up.
     pub(super) fn retain(&mut self, wanted: impl FnMut(&T) -> bool) {
         self.list.retain(wanted);
         if !self.list.is_full() {
@@ -70,7 +69,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         self.list.iter().position(|kept| kept.key() == key)
     }
 
-    /// Takes a new one and tells its place.
+    /// Adds an entry, and returns its place.
     pub(super) fn add(&mut self, new: T) -> Option<usize> {
         match self.list.push(new) {
             Ok(()) => Some(self.list.len() - 1),
@@ -83,7 +82,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         }
     }
 
-    /// After a restart: the oldest is where no target's numbers step back from there round to there.
+    /// Finds the oldest entry after a restart: from there on the stops of each target ascend.
     pub(super) fn find_first(&mut self) {
         let mut keys = heapless::Vec::<_, N>::new();
         for kept in &self.list {
@@ -94,7 +93,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
     }
 }
 
-/// The place at which stops in a ring begin, or 0: once for all lists.
+/// Returns the place at which stops in a ring begin, or 0. One copy of the code serves all lists.
 // for less flash
 #[inline(never)]
 fn first_of(keys: &[(MemberAddress, StopNumber)]) -> usize {
@@ -104,7 +103,7 @@ fn first_of(keys: &[(MemberAddress, StopNumber)]) -> usize {
         sooner.iter().chain(later).all(|key| {
             let known = last.iter_mut().find(|known| known.0 == key.0);
             let Some(known) = known else {
-                // Nothing is known of targets beyond the room of the list.
+                // Further targets are ignored.
                 let _ = last.push(*key);
                 return true;
             };

@@ -1,18 +1,16 @@
-//! Times when a camera adapts to the light again: gain and white balance are frozen after a start, so a
-//! change of daylight, or a target before the lens at that moment, hides the target for good.
+//! Decision when a camera adapts to the light. Gain and white balance are frozen after a start. Without a further
+//! adaptation a change of daylight, or a target before the lens at the start, would hide targets for ever.
 
-/// Without a pose so many looks in a row see nothing before the camera adapts.
+/// Looks in a row that see nothing after which a camera without a pose adapts.
 const LOOKS: u16 = 12;
 
-/// A look that sees nothing where the pose says that the target is in view counts as so many.
+/// Weight of a look that sees nothing although the pose says that the target is in view.
 const EXPECTED: u16 = 3;
 
-/// After an adaptation that did not help, the next one waits for twice as many looks, doubled so often at
-/// most.
+/// Most doublings of the looks before the next adaptation, after adaptations that did not help.
 const DOUBLINGS: u8 = 4;
 
-/// A camera is blind when it has adapted, and then so often does not see the target where its pose says that
-/// it is in view.
+/// Looks after an adaptation that miss a target that should be in view, from which on a camera counts as blind.
 const BLIND: u8 = 3;
 
 /// Looks that saw nothing.
@@ -21,9 +19,9 @@ pub(super) struct Light {
     missed: u16,
     /// Adaptations since it saw the target last.
     adapted: u8,
-    /// Looks since then that saw nothing where the target is expected.
+    /// Looks since then that missed a target that should be in view.
     in_vain: u8,
-    /// The largest distance of a target that this camera, knowing its pose, saw in this run.
+    /// Largest distance at which this camera saw a target since its start, if it knows its pose.
     farthest: Option<f32>,
 }
 
@@ -37,7 +35,7 @@ impl Light {
         }
     }
 
-    /// The target is seen, so far away if that is known.
+    /// Notes that a target was seen, at this distance if that is known.
     pub(super) fn on_seen(&mut self, range: Option<f32>) {
         self.missed = 0;
         self.adapted = 0;
@@ -47,7 +45,7 @@ impl Light {
         }
     }
 
-    /// Returns true if it sees nothing where it should although it adapted.
+    /// Returns true if it has adapted and still misses targets that should be in view.
     pub(super) const fn is_blind(&self) -> bool {
         self.in_vain >= BLIND
     }
@@ -57,9 +55,9 @@ impl Light {
         self.farthest.map(|farthest| range <= farthest)
     }
 
-    /// Nothing is seen, where the target is expected in view or not, or where that is not known (`None`).
-    /// Returns true if the camera is to adapt to the light now: rather while the target is not before it, for
-    /// that would spoil the white balance again.
+    /// Notes that nothing was seen. `is_expected`: the target should be in view, or not, or this is unknown. Returns
+    /// true if the camera is to adapt now. It does so rather without a target in view, which would spoil the white
+    /// balance.
     pub(super) fn on_nothing(&mut self, is_expected: Option<bool>) -> bool {
         let weight = match is_expected {
             Some(true) => EXPECTED,

@@ -1,4 +1,4 @@
-//! Status of a camera, and the decision to tell it.
+//! Status of a camera, and the decision when others hear of it.
 
 use calib_core::Status;
 
@@ -14,7 +14,7 @@ use crate::{
 #[derive(Clone, Debug)]
 pub(super) struct Progress {
     report: Report,
-    /// The report that others were told last.
+    /// The report that was sent last.
     told: Report,
 }
 
@@ -36,12 +36,12 @@ impl Progress {
         self.report.pose().copied()
     }
 
-    /// Returns true if there is anything to tell.
+    /// Returns true if there is something to report.
     pub(super) fn has_report(&self) -> bool {
         self.report.state != CameraState::Waiting
     }
 
-    /// Takes the report of a former run. The limits may be others since.
+    /// Restores a report. The limits may have changed since.
     pub(super) fn restore(&mut self, report: &Report, config: &CameraConfig) {
         let state = report
             .state
@@ -70,7 +70,7 @@ impl Progress {
         is_news
     }
 
-    /// The report of this reference camera, which knows its pose now. No target has estimated it yet.
+    /// Returns the report of a reference that knows its pose. No target has estimated it yet.
     pub(super) fn solved(&self, duty: Duty, solved: &Report) -> Report {
         Report {
             id: self.report.id,
@@ -93,7 +93,7 @@ impl Progress {
         self.told = self.report;
     }
 
-    /// Others are told now, or there are no others.
+    /// Notes that the report is sent, or that there is no receiver.
     pub(super) const fn on_told(&mut self) {
         self.told = self.report;
     }
@@ -113,8 +113,8 @@ const fn nothing_known(id: u16) -> Report {
     }
 }
 
-/// Returns true if a camera needs no more stops: it is calibrated, and as certain as it was told to become.
-/// With any pose it is done when it can take no more sightings.
+/// Returns true if a camera needs no more stops: it is calibrated and as certain as wanted, or it has a pose and no
+/// room for more sightings.
 pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraState) -> bool {
     let Some(pose) = state.pose().and_then(PoseParts::pose) else {
         return false;

@@ -23,27 +23,26 @@ use crate::{
     vision::Subject,
 };
 
-/// A bearing farther off than so many sigmas does not fit the pose.
+/// Sigmas beyond which a bearing does not fit the pose.
 const WATCH_SIGMAS: f32 = 6.0;
 
-/// So many that do not fit are no accident.
+/// Bearings that do not fit from which on a pose is doubtful.
 const MISSES: u8 = 2;
 
-/// A picture that repeated itself so often does not change: by chance it does once in 10,000 looks.
+/// Repetitions after which a picture counts as stuck: by chance a good one repeats so often once in 10,000 looks.
 pub(super) const STUCK: u8 = 2;
 
 /// Share of the half field of view within which the whole target is in view, in spite of the pose's error.
 const WELL_INSIDE: f32 = 0.8;
 
 impl CameraRole {
-    /// Returns true if a sighting at this stop is of use to this camera, or makes it a reference. To the
-    /// target every bearing is of use.
+    /// Returns true if this camera can use a sighting at this stop. The target can use every bearing.
     fn needs(&self, stopped: &Stopped) -> bool {
         let report = self.progress.report();
         match stopped.frame {
             CoordinateFrame::Site => !report.done && report.duty.is_none(),
             CoordinateFrame::Own if self.progress.pose().is_some() => true,
-            // It may become a reference while the target stands there, or later: then it has seen it.
+            // It may become a reference while the target stands there, or later. Then it needs the sighting.
             CoordinateFrame::Own => {
                 self.own_duty().is_some()
                     || self.config.reference.is_some()
@@ -52,7 +51,7 @@ impl CameraRole {
         }
     }
 
-    /// A target stands, and says so.
+    /// Takes the message of a target that it stands at a stop.
     pub(super) fn on_stopped(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped) {
         self.on_heard(now, target);
         let stop = stopped.stop;
@@ -62,12 +61,12 @@ impl CameraRole {
         };
         let known = || self.looks.stops().chain(self.device.requested());
         if known().any(|(of, known)| of == target && is_past(known, stop)) {
-            // The target stands there no more.
+            // The target has gone on.
             return;
         }
         if let Some(last) = self.looks.find(target, stop) {
-            // It was looked at. It may be told again because the answer was lost, or because the
-            // target now knows where it is.
+            // The camera has looked. The target repeats its message because the answer was lost, or because it knows
+            // its place now.
             if last.stopped.frame == stopped.frame {
                 self.answer(now, target, stop, last.sight, last.seen);
             } else {
@@ -80,7 +79,7 @@ impl CameraRole {
         }
     }
 
-    /// Remembers a target, so that it hears of the pose when it is known.
+    /// Remembers a target, so that it gets the pose once that is known.
     pub(super) fn on_heard(&mut self, now: Instant, target: MemberAddress) {
         let heard = self.targets.on_heard(target, self.progress.has_report());
         if let Some(replaced) = heard.replaced {
@@ -104,7 +103,7 @@ impl CameraRole {
     ) {
         let due = now + self.slot();
         let report = self.progress.report();
-        // The width of what is not round tells no size.
+        // Only a round target has a size that its width tells.
         let seen = seen.filter(|_| sight == Sight::InView).map(|seen| {
             if self.config.has_round_targets() {
                 seen
@@ -122,7 +121,7 @@ impl CameraRole {
         self.outbox.push(due, ShortAddress(target), answer, None);
     }
 
-    /// The hardware has looked.
+    /// Takes the result of a look.
     pub(super) fn on_looked(&mut self, now: Instant, sight: Sight, seen: Option<Seen>) {
         if let Some(request) = self.device.on_looked() {
             self.on_look(now, request, sight, seen);
@@ -130,7 +129,7 @@ impl CameraRole {
         }
     }
 
-    /// The hardware cannot look for a while: targets that wait hear of it at once, and ask again.
+    /// Tells targets that wait that the camera cannot look for a while. They ask again.
     pub(super) fn on_starting(&mut self, now: Instant) {
         let (requests, command) = self.device.on_starting();
         for request in requests.into_iter().flatten() {
@@ -143,7 +142,7 @@ impl CameraRole {
         }
     }
 
-    /// The result of a look at a stop is known.
+    /// Takes the result of a look at a stop, and answers.
     fn on_look(&mut self, now: Instant, request: LookRequest, sight: Sight, seen: Option<Seen>) {
         let LookRequest {
             target, stopped, ..
@@ -151,7 +150,7 @@ impl CameraRole {
         let picture = seen.filter(Seen::is_usable);
         let last = self.looks.last(target);
         let before = last.map(|last| last.sight);
-        // A camera that is stuck would be believed until two others contradict it.
+        // A stuck camera would be believed until two others contradict it.
         let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
         let stuck = self.is_stuck();
         let sight = if repeats >= STUCK {
@@ -163,7 +162,7 @@ impl CameraRole {
             }
             sight
         };
-        // Once is an accident.
+        // One repetition may be chance.
         let refused = match sight {
             Sight::Hidden => Some(Eye::Hidden),
             Sight::Several => Some(Eye::Several),
@@ -176,7 +175,7 @@ impl CameraRole {
         }
         let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();
-        // The target knows, and asks if it does not.
+        // The target knows the answer, or asks again.
         let is_known = sight == Sight::NotInView && before == Some(sight);
         self.looks.insert(LastLook {
             target,
@@ -194,8 +193,8 @@ impl CameraRole {
         }
     }
 
-    /// The picture does not change any more, or changes again: the last sightings before that was noticed may be wrong.
-    /// Where a wrong sighting may do harm, the pose is weak until then.
+    /// Judges the pose anew if the picture does not change any more, or changes again. While it does not change, a pose
+    /// that a wrong sighting could move far is weak.
     // for less stack
     #[inline(never)]
     fn judge_stuck(&mut self, now: Instant) {
@@ -208,12 +207,12 @@ impl CameraRole {
         }
     }
 
-    /// Returns true if the picture does not change. It does if another target is seen elsewhere.
+    /// Returns true if the picture does not change. Another target that is seen elsewhere changes it.
     fn is_stuck(&self) -> bool {
         self.health.camera == Eye::Failed && self.looks.is_stuck()
     }
 
-    /// A state whose pose is weak at best if the camera's picture does not change, unless the pose is checked.
+    /// Returns the state, weak at best if the picture does not change and the pose is not checked.
     pub(super) fn stuck(&self, state: CameraState, joint: Option<ProtectionLevel>) -> CameraState {
         let limits = self.config.weak.limits();
         let is_checked = joint.is_some_and(|level| level.is_tolerated(&limits));
@@ -237,7 +236,7 @@ impl CameraRole {
         Some((off, root(to_target.norm_squared())))
     }
 
-    /// A state whose pose is doubtful if the sizes in which a round target was seen contradict it.
+    /// Returns the state, doubtful if the sizes of a round target contradict the pose.
     pub(super) fn sized(&self, state: CameraState, mount: Option<Mount>) -> CameraState {
         match state {
             CameraState::Calibrated(parts) | CameraState::Weak(parts)
@@ -250,12 +249,12 @@ impl CameraRole {
         }
     }
 
-    /// Has the camera adapt to the light again if it sees nothing where it should.
+    /// Has the camera adapt to the light if it does not see a target that should be in view.
     // for less stack
     #[inline(never)]
     fn judge_light(&mut self, now: Instant, stopped: &Stopped, sight: Sight) {
         let subjects = &self.config.subjects;
-        // Motion is found in any light, and its background must not be learnt now.
+        // Motion is seen in any light, and the background must not be learnt with a target in view.
         let Some(Subject::Colour(_)) = subjects.of_target(stopped.colour) else {
             return;
         };
@@ -284,8 +283,8 @@ impl CameraRole {
         }
     }
 
-    /// A target names the cameras whose looks at a stop came while it stood there. Only those looks count: a
-    /// camera that heard of the stop late, or again, saw the target elsewhere.
+    /// Takes the names of the cameras that looked while the target stood at a stop. Only these looks count: a camera
+    /// that heard of the stop late saw the target elsewhere.
     pub(super) fn on_confirmed(
         &mut self,
         now: Instant,
@@ -317,7 +316,7 @@ impl CameraRole {
         }
     }
 
-    /// The target waits for no answer of this camera, or did not hear it.
+    /// The target did not wait for this camera, or did not hear it.
     fn on_unconfirmed(&mut self, now: Instant, target: MemberAddress, stop: StopNumber) {
         if self.looks.find(target, stop).is_some() {
             self.looks.repeat(now, target, stop);
@@ -325,7 +324,7 @@ impl CameraRole {
         }
         let known = || self.looks.stops().chain(self.device.requested());
         if !known().any(|(of, known)| of == target && is_past(known, stop)) {
-            // It was not heard, or is being looked at: the target is to ask, or to wait.
+            // The answer was lost, or the look goes on: the target has to ask, or to wait.
             self.answer(now, target, stop, self.device.excuse(), None);
         }
     }
@@ -337,10 +336,9 @@ impl CameraRole {
         }
     }
 
-    /// Compares a bearing of a target that knows its place with the pose that this camera has been told, or
-    /// solved as a reference. If two more bearings are off than fit, the pose is doubtful until as many fit:
-    /// the camera was moved, or the target is not where it believes. The doubt of the target that solved the pose is
-    /// ended by that target alone.
+    /// Compares a bearing of a target that knows its place with the pose from a joint estimate. If two more bearings
+    /// are off than fit, the pose is doubtful until as many fit: the camera was moved, or the target is not where it
+    /// believes. If the target that estimated the pose doubts it, only that target can end the doubt.
     // for less stack
     #[inline(never)]
     fn watch(&mut self, now: Instant, place: &Place<f32>, seen: Seen) {
@@ -370,7 +368,7 @@ impl CameraRole {
             self.misses = (self.misses + 1).min(MISSES + 1);
             self.missed = self.missed.max(off.abs());
         } else if gate2 <= 4.0 * self.missed * self.missed {
-            // Where the target is less sure of its place than that, any pose would fit.
+            // If the place of the target is less sure than that, every pose fits.
             self.misses = self.misses.saturating_sub(1);
         }
         if self.misses == 0 {
@@ -392,7 +390,7 @@ impl CameraRole {
         self.update(now, Report { state, ..report });
     }
 
-    /// A target that knows its place was seen. Three of these make a pose.
+    /// Adds a sighting of a target that knows its place. Three of these give a pose.
     // for less stack
     #[inline(never)]
     fn on_sighted(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped, seen: Seen) {
@@ -412,7 +410,7 @@ impl CameraRole {
         self.unsaved.insert(sighting(index));
         let other_lens = self.calibration.with_other_lens(&self.config.lens);
         if report.joint.is_some() {
-            // The result of all measurements is not replaced by that of some of them.
+            // The result of a joint estimate is not replaced by that of some sightings.
             // A camera that is not level may fit another lens.
             if let Some(state) = other_lens.filter(|_| report.mount.is_none()) {
                 self.update(
@@ -446,7 +444,7 @@ impl CameraRole {
         );
     }
 
-    /// A target that does not know where it is was seen.
+    /// Adds a sighting of a target that does not know its place.
     // for less stack
     #[inline(never)]
     fn on_lost_sighted(

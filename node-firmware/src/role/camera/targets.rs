@@ -1,4 +1,4 @@
-//! The targets that a camera knows: those that hear of its status, and the look at the last stop of each.
+//! Targets that a camera knows: they get its status. The look at the last stop of each.
 
 use core::time::Duration;
 
@@ -10,29 +10,29 @@ use crate::{
     message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber, Stopped},
 };
 
-/// A stop told late comes after the next few were. Numbers farther back are those of a target that began
+/// Greatest distance in numbers of a stop that is told late. Numbers farther back are those of a target that began
 /// anew.
 const OVERTAKEN: StopNumber = 8;
 
-/// Places nearer to each other than so many sigmas of a standing target are one.
+/// Distance of two places in standing sigmas below which they count as one.
 const STANDING_SIGMAS: f32 = 4.0;
 
-/// After an answer that was not confirmed, before it is repeated: a target confirms the first ones
-/// within two seconds of having stopped. Doubled each time.
+/// Time until an answer without a confirmation is repeated, doubled each time. A target confirms the first answers
+/// within two seconds of its stop.
 const REPEAT: Duration = Duration::from_millis(1_500);
 
-/// Then it is given up: the target walks, or does not hear.
+/// Repetitions after which an answer is given up: the target walks, or does not hear.
 const REPEATS: u8 = 4;
 
-/// A target that hears of this camera's status.
+/// Target that gets the status of this camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownTarget {
     address: MemberAddress,
-    /// It was told last when it was away, or never.
+    /// True if it did not hear the last status.
     missed_report: bool,
 }
 
-/// Targets, the one heard last at the end. The one heard least recently makes room.
+/// Targets, the one heard last at the end. A full list drops the first.
 #[derive(Clone, Debug)]
 pub(super) struct KnownTargets {
     targets: heapless::Vec<KnownTarget, TARGETS>,
@@ -41,9 +41,9 @@ pub(super) struct KnownTargets {
 /// Consequences when a target is heard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Heard {
-    /// It has not been told this camera's status yet.
+    /// It did not get the status yet.
     pub(super) missed_report: bool,
-    /// This one made room.
+    /// Target that was dropped for it.
     pub(super) replaced: Option<MemberAddress>,
 }
 
@@ -54,7 +54,7 @@ impl KnownTargets {
         }
     }
 
-    /// A target is there. A new one has missed the report if there is anything to report.
+    /// Notes that a target was heard. A new one has missed the report, if there is one.
     pub(super) fn on_heard(&mut self, address: MemberAddress, has_report: bool) -> Heard {
         let is_known = |known: &KnownTarget| known.address == address;
         let mut replaced = None;
@@ -67,7 +67,7 @@ impl KnownTargets {
                 has_report
             }
         };
-        // It is told now.
+        // It gets the status now.
         let known = KnownTarget {
             address,
             missed_report: false,
@@ -80,7 +80,7 @@ impl KnownTargets {
         }
     }
 
-    /// A target was told this camera's status, or not: then it is told when it is heard again.
+    /// Notes that a target got the status, or did not. Then it gets it when it is heard again.
     pub(super) fn on_report_sent(&mut self, target: MemberAddress, delivered: bool) {
         let mut targets = self.targets.iter_mut();
         if let Some(known) = targets.find(|known| known.address == target) {
@@ -101,28 +101,28 @@ impl KnownTargets {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LastLook {
     pub(super) target: MemberAddress,
-    /// Place where the target said that it stood. The same stop may be told again in the other frame.
+    /// Place that the target told. The same stop may be told again in the other frame.
     pub(super) stopped: Stopped,
     pub(super) sight: Sight,
-    /// Also where it was not believed.
+    /// Result, even if it was not believed.
     pub(super) seen: Option<Seen>,
-    /// Number of looks in a row before this one that were the same to the bit, at places that are apart.
+    /// Number of looks in a row before this one that were equal bit by bit, at different places.
     pub(super) repeats: u8,
-    /// The target was seen, and has not said yet that it stood there then.
+    /// Answer that the target has not confirmed yet.
     pub(super) unconfirmed: Option<Unconfirmed>,
 }
 
-/// An answer that the target has not confirmed.
+/// Answer without a confirmation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Unconfirmed {
-    /// Time to repeat it, if not for the last time.
+    /// Time of the next repetition, unless it is given up.
     again: Option<Instant>,
     /// Number of repetitions.
     repeats: u8,
 }
 
 impl Unconfirmed {
-    /// An answer that is sent at this time for the first time.
+    /// An answer that is sent at `due` for the first time.
     pub(super) fn new(due: Instant) -> Self {
         Self {
             again: Some(due + REPEAT),
@@ -130,7 +130,7 @@ impl Unconfirmed {
         }
     }
 
-    /// The same answer once more at this time.
+    /// Notes that the answer is repeated at `due`.
     fn repeat(&mut self, due: Instant) {
         self.repeats += 1;
         let pause = REPEAT.saturating_mul(1 << self.repeats);
@@ -138,7 +138,7 @@ impl Unconfirmed {
     }
 }
 
-/// The last look at each target. The oldest makes room.
+/// Last look at each target. A full list drops the oldest.
 #[derive(Clone, Debug)]
 pub(super) struct LastLooks {
     looks: heapless::Vec<LastLook, TARGETS>,
@@ -171,7 +171,7 @@ impl LastLooks {
         self.looks.iter().find(|look| look.target == target)
     }
 
-    /// The target confirms this look: returns it, if that was not known.
+    /// Notes that the target confirms a look. Returns the look, the first time.
     pub(super) fn confirm(&mut self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
         let mut looks = self.looks.iter_mut();
         let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop))?;
@@ -197,8 +197,8 @@ impl LastLooks {
         })
     }
 
-    /// The target confirmed others: the answer was lost. The target stands there and hears, so this
-    /// repetition does not count.
+    /// Notes that the target confirmed other cameras: the answer was lost. The target is there, so this repetition does
+    /// not count.
     pub(super) fn repeat(&mut self, now: Instant, target: MemberAddress, stop: StopNumber) {
         let mut looks = self.looks.iter_mut();
         let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop));
@@ -208,21 +208,21 @@ impl LastLooks {
         }
     }
 
-    /// Number of looks at this target in a row that were equal to this one to the bit, although it says that
-    /// it stood elsewhere each time. Of good looks one in a hundred or so repeats the last one by chance.
+    /// Returns the number of looks in a row that were equal to this one bit by bit although the target stood elsewhere
+    /// each time. Of good looks about one in a hundred repeats the last one by chance.
     pub(super) fn repeats(&self, target: MemberAddress, stopped: &Stopped, seen: &Seen) -> u8 {
         self.last(target).map_or(0, |last| {
             let place = &stopped.place;
             let within = place.parts().standing_sigma * STANDING_SIGMAS;
             let between = place.position() - last.stopped.place.position();
             let is_apart = between.norm_squared() > within * within;
-            // A target that does not know its place counts from where it began: each time anew.
+            // A target that does not know its place counts its way from its first stop, each time anew.
             let fixes = [&last.stopped, stopped].map(|stopped| {
                 let fix = stopped.place.parts().fix;
                 (stopped.frame == CoordinateFrame::Own).then_some(fix)
             });
             match last.seen == Some(*seen) {
-                // The same stop, told again in another frame, or it is not known whether it walked.
+                // The same stop in another frame, or a target that may not have walked.
                 true if last.stopped.stop == stopped.stop || fixes[0] != fixes[1] => last.repeats,
                 true if is_apart => last.repeats.saturating_add(1),
                 _ => 0,
@@ -246,7 +246,7 @@ impl LastLooks {
     }
 }
 
-/// Returns true if a target that stood at `known` stands at `stop` no more.
+/// Returns true if a target that stood at `known` has gone on to `stop`.
 pub(super) fn is_past(known: StopNumber, stop: StopNumber) -> bool {
     (1..=OVERTAKEN).contains(&known.wrapping_sub(stop))
 }

@@ -376,6 +376,10 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
         with(|pose| pose.covariance[5] = 0.0008),
         with(|pose| pose.position[0] += 0.046),
         with(|pose| pose.position[1] -= 0.046),
+        // A reference keeps its place: its heading alone may change.
+        with(|pose| pose.heading -= 0.011),
+        with(|pose| pose.covariance[0] = 0.1),
+        with(|pose| pose.covariance[5] = 0.0013),
     ];
     for (n, new) in news.iter().enumerate() {
         assert!(is_news(&old, new), "{n}");
@@ -413,9 +417,10 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
             ..old
         },
         with(|pose| pose.covariance[0] = 0.0065),
-        with(|pose| pose.covariance[0] = 0.1),
+        with(|pose| pose.covariance[0] = 0.0115),
         with(|pose| pose.covariance[5] = 0.00082),
         with(|pose| pose.position[0] += 0.044),
+        with(|pose| pose.heading += 0.009),
     ];
     for (n, new) in no_news.iter().enumerate() {
         assert!(!is_news(&old, new), "{n}");

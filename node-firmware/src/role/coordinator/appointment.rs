@@ -1,9 +1,8 @@
 //! Appointment of the reference cameras: those configured, or the first two that saw a target (thesis 2.3).
 //!
-//! Without both of them no camera gets a pose. So until there is one the coordinator asks now and then
-//! whether they are there. If one of them does not answer, or its camera does not serve, or both find no pose for
-//! long, the elected ones are none any more, and the next camera that sees a target becomes one. No camera takes the
-//! place of a configured one: people are told.
+//! Without both of them no camera gets a pose. So the coordinator asks them now and then, until there is a pose. If an
+//! elected one does not answer, or its camera fails, or both find no pose for long, the election begins anew: the next
+//! camera that sees a target becomes a reference. No camera replaces a configured one: people are told.
 
 use core::time::Duration;
 
@@ -16,18 +15,17 @@ use crate::{
     message::{Duty, Health, MemberAddress, MemberKind, References, StopNumber},
 };
 
-/// Time between two questions whether a reference camera is there.
+/// Time between two questions to the references.
 const PROBE: Duration = Duration::from_secs(30);
 
-/// After so many questions, four minutes, elected references that found no pose give way: they may share too few of
-/// the places where the target stands. Cameras keep what they saw, so that others may have seen enough by then.
+/// Questions (four minutes) after which elected references without a pose give way: they may see too few stops in
+/// common. Cameras keep their sightings, so that other ones may have enough by then.
 const PATIENCE: u8 = 8;
 
-/// After a camera is told that it is the first reference, before another one is told that it is the
-/// second: four attempts of the link.
+/// Time from the message to the first reference until the second one is told: four attempts of the link.
 pub(super) const FIRST_KNOWS: Duration = Duration::from_millis(300);
 
-/// After so many messages in a row that did not reach it, it is not there. Each was repeated by the network.
+/// Messages in a row that did not arrive, each repeated by the network, after which a camera counts as absent.
 const UNREACHED: u8 = 2;
 
 /// The first camera that saw a target, at this stop of it.
@@ -42,12 +40,12 @@ pub(super) struct Trigger {
 #[derive(Clone, Debug)]
 pub(super) struct Appointment {
     references: Option<References>,
-    /// References were appointed in a former run.
+    /// True if the references were restored.
     restored: bool,
     trigger: Option<Trigger>,
     /// Time of the next question whether they are there.
     probe_at: Option<Instant>,
-    /// Questions until they give way.
+    /// Questions left until they give way.
     patience: u8,
 }
 
@@ -67,7 +65,7 @@ impl Appointment {
         self.probe_at
     }
 
-    /// No camera has a pose: the references, if there are any, have to be there.
+    /// Begins to ask for the references, since no camera has a pose.
     pub(super) fn watch(&mut self, now: Instant) {
         if self.references.is_some() {
             self.probe_at.get_or_insert(now + PROBE);
@@ -78,28 +76,26 @@ impl Appointment {
         self.references
     }
 
-    /// Takes the references of a former run.
+    /// Restores the references.
     pub(super) const fn restore(&mut self, references: Option<References>) {
         self.references = references;
         self.restored = references.is_some();
     }
 
-    /// Returns true if a camera triggered.
+    /// Returns true if a camera has seen a target first.
     pub(super) const fn is_triggered(&self) -> bool {
         self.trigger.is_some()
     }
 
-    /// Returns true if a camera that presents itself has to be told the references. A reference may have
-    /// missed them, or forgotten. After a restart of this node it is not known which camera was one before,
-    /// and was not told.
+    /// Returns true if a camera that sends a hello has to be told the references. A reference may have missed or lost
+    /// them. After a restart of this node any camera may be a former one that was not told.
     pub(super) fn concerns(&self, camera: MemberAddress, is_news: bool) -> bool {
         self.references.is_some_and(|references| {
             is_news && self.restored || references.duty_of(ShortAddress(camera)).is_some()
         })
     }
 
-    /// This member is not known any more. If it was a reference camera, there are none. Returns true if that
-    /// is so.
+    /// Forgets a member. If it was a reference, there are none any more: returns true then.
     fn forget(&mut self, address: MemberAddress) -> bool {
         self.trigger
             .take_if(|trigger| [trigger.camera, trigger.target].contains(&address));
@@ -112,7 +108,7 @@ impl Appointment {
 }
 
 impl CoordinatorRole {
-    /// Knows nothing of a member any more.
+    /// Forgets a member as a reference, or as the camera that triggered.
     pub(super) fn forget(&mut self, now: Instant, address: MemberAddress) {
         self.members.remove(address, &mut self.unsaved);
         let former = self.appointment.references();
@@ -122,7 +118,7 @@ impl CoordinatorRole {
         }
     }
 
-    /// These cameras are references no more, and there are none.
+    /// Dismisses the references.
     fn on_dismissed(&mut self, now: Instant, former: Option<References>) {
         self.appointment.probe_at = None;
         self.tell_elected();
@@ -133,14 +129,14 @@ impl CoordinatorRole {
         }
     }
 
-    /// Returns true if a camera knows its pose, so that there is a frame of the site.
+    /// Returns true if a camera knows its pose: then there is a frame.
     pub(super) fn has_frame(&self) -> bool {
         let mut reports = self.reports();
         reports.any(|(_, report)| report.pose().is_some())
     }
 
-    /// The camera that is configured as this reference, and its position. Of several, the one that was met
-    /// last: it is there in place of the others.
+    /// Returns the camera that is configured as this reference, and its position. Of several the one that came last: it
+    /// replaces the others.
     fn camera_with(&self, wanted: Duty) -> Option<(MemberAddress, Option<[f32; 2]>)> {
         self.members
             .iter()
@@ -176,16 +172,16 @@ impl CoordinatorRole {
         self.appointment.watch(now);
         self.unsaved.insert(FactKey::References);
         self.tell_elected();
-        // Former ones too.
+        // Former references too.
         for references in former.into_iter().chain([references]) {
             self.notify(now, references.first, MemberNotification::References);
-            // It tells the first one its sightings at once, which knows by then how to use them.
+            // It sends its sightings to the first one at once, which is to know its duty by then.
             let due = now + FIRST_KNOWS;
             self.notify(due, references.second, MemberNotification::References);
         }
     }
 
-    /// Tells the PC which cameras were elected. Configured ones say it themselves in their hello.
+    /// Tells the PC which cameras were elected. Configured ones tell it in their hello.
     pub(super) fn tell_elected(&mut self) {
         if !self.is_configured() {
             let references = self.appointment.references();
@@ -199,8 +195,7 @@ impl CoordinatorRole {
         duties.any(|&duty| self.camera_with(duty).is_some())
     }
 
-    /// Asks, when it is time, whether the references are there: as long as no camera has a pose, and there is
-    /// a target that waits for them.
+    /// Asks the references when it is time, as long as no camera has a pose and a target waits for them.
     pub(super) fn probe(&mut self, now: Instant) {
         if self.appointment.probe_at.take_if(|at| *at <= now).is_none() {
             return;
@@ -212,7 +207,7 @@ impl CoordinatorRole {
         if !self.members.iter().any(|member| member.more.is_target()) {
             return;
         }
-        // Configured ones do not give way: for them it begins anew.
+        // Configured ones do not give way: the count begins anew.
         self.appointment.patience = self.appointment.patience.wrapping_sub(1);
         if self.appointment.patience == 0 {
             self.dismiss(now);
@@ -224,7 +219,7 @@ impl CoordinatorRole {
         }
     }
 
-    /// A camera was told the references, or said something itself; or it was not reached.
+    /// Notes that a camera was reached, or was not.
     pub(super) fn on_reached(&mut self, now: Instant, camera: MemberAddress, is_there: bool) {
         let Some(known) = self.members.get(camera) else {
             return;
@@ -251,7 +246,7 @@ impl CoordinatorRole {
         references.is_some_and(|references| references.duty_of(ShortAddress(camera)).is_some())
     }
 
-    /// A member tells its health.
+    /// Takes the health of a member.
     pub(super) fn on_health(&mut self, now: Instant, address: MemberAddress, health: Health) {
         let Some(member) = self.members.of(address) else {
             return;
@@ -263,8 +258,7 @@ impl CoordinatorRole {
         }
     }
 
-    /// One of the references does not serve: others may take their places, unless they are configured, or
-    /// have done their duty.
+    /// Begins a new election because a reference fails, unless the references are configured, or have found a pose.
     fn dismiss(&mut self, now: Instant) {
         if self.is_configured() || self.has_frame() {
             return;
@@ -275,9 +269,9 @@ impl CoordinatorRole {
         self.on_dismissed(now, former);
     }
 
-    /// The first camera to see a target triggers; the next one that sees it at the same stop becomes its
-    /// helper (thesis 2.3). Not where cameras know their poses, as they may from a former network: the target
-    /// finds its place from them, and a second frame would begin here.
+    /// Notes that a camera saw a target. The first one triggers; the next one that sees the target at the same stop
+    /// becomes its helper (thesis 2.3). If cameras know their poses already, as from a former network, the target finds
+    /// its place from them: a second frame must not begin.
     pub(super) fn on_trigger(&mut self, now: Instant, trigger: Trigger) {
         if self.appointment.references.is_some() || self.is_configured() || self.has_frame() {
             return;

@@ -1,9 +1,9 @@
 //! Joint estimate of all measurements: the stops of this target, the cameras that saw it there, and its own
 //! step sensor.
 //!
-//! All of it comes together at the target: it measures the ways from stop to stop, and every camera that sees
-//! it answers with a bearing. The result of the [estimator](calib_core::joint) corrects the target's place
-//! and its steps, and is told to the cameras.
+//! The target has all measurements: it measures the legs from stop to stop, and every camera that sees it answers with
+//! a bearing. The result of the [estimator](calib_core::joint) corrects the place of the target and its steps. The
+//! target sends each camera its pose.
 
 use calib_core::{
     Pose, Refusal, Status, angle,
@@ -39,7 +39,7 @@ use super::{
 
 /// Cameras that take part.
 pub const CAMERAS: usize = ESTIMATED_CAMERAS;
-/// Numbers that they are solved with.
+/// Numbers in the workspace of the estimator.
 pub const WORKSPACE: usize = Capacity {
     cameras: CAMERAS,
     stops: ESTIMATED_STOPS,
@@ -48,44 +48,49 @@ pub const WORKSPACE: usize = Capacity {
 }
 .workspace_with_lenses();
 
-/// Work after each stop: contradictions are left out, so many at most at a time; the legs' noise and the
-/// possible effect of one wrong measurement are estimated.
+/// Work after each stop: leave out contradictions (`findings` at most), estimate the noise of the legs, and compute
+/// protection levels.
 const ROUND: Round = Round {
     findings: 4,
     leg_noise: true,
     protection: true,
 };
 
-/// Sigma of a direction, radians, of which only the bearings tell anything.
+/// Sigma of a direction that only the bearings tell, radians.
 const VAGUE: f32 = 0.5;
 
-/// Share of a baseline of which little is known.
+/// Relative sigma of a baseline that is hardly known.
 const STRETCH: f32 = 0.2;
 
-/// A leg, a scale or a direction is not known better than this: rounding.
+/// Least sigma of a leg, a scale or a direction: rounding errors are as large.
 pub(super) const LEAST_SIGMA: f32 = 1e-3;
 
-/// Stops that both references have to see for a frame between them.
+/// Stops that both references have to see before they define a frame.
 const FRAME_STOPS: usize = 3;
 
-/// Stops after which a reference that was not seen to see the target counts as lost.
+/// Stops after which a reference that saw the target at none of them counts as lost.
 const LOST_STOPS: usize = 12;
 
-/// Pairs of cameras between which a frame is tried at one stop.
+/// Pairs of cameras that are tried as references at one stop.
 const FAILED: usize = 6;
 
-/// Bearings of a camera at a new place after which it is clear that it was moved: no slipped leg explains them.
+/// Bearings of a camera at its new place after which no slipped leg can explain them: it was moved.
 const SETTLED: usize = 8;
 
-/// A pose hangs on a single measurement if one that is wrong could move it by more than so many sigmas of its place.
+/// Limit of the protection level, in sigmas of the place. Beyond it the pose depends on a single measurement.
 const HANGS: f32 = 12.0;
 
-/// Number of measurements left out beside which another one is likely to be wrong that no test noticed. Of 59,469
-/// calibrated poses of the campaign 115 hang on a single measurement beside two or more of these, and 21 of them
-/// deceived.
+/// Measurements left out from which on a further wrong one is likely, which no test noticed. Of 59,469 calibrated poses
+/// of the campaign 115 depended on a single measurement while so many were left out, and 21 of them deceived.
 const SEVERAL: usize = 2;
 
-/// Further bearings of a camera that had a pose, and has none with them, by which that pose is doubtful.
+/// Measurements left out and factor of the legs' noise. Where both are exceeded, wrong bearings may look like noise of
+/// the legs, and the other way round: no pose is sure. Of 9,953 calibrated poses of the campaign 134 were beyond both,
+/// and 4 of them deceived; of all others 2 did.
+const MANY: usize = 3;
+const RESTLESS: f32 = 3.0;
+
+/// Further bearings after which a pose is doubtful if the camera has no pose with them.
 const CONTRADICTING: usize = 2;
 
 /// Some of the cameras.
@@ -105,9 +110,9 @@ pub struct EstimateMemory<'m> {
     pub stops: &'m mut [StopStorage<f32>; ESTIMATED_STOPS],
     /// Bearings.
     pub bearings: &'m mut [BearingStorage<f32>; WALK_BEARINGS],
-    /// Numbers.
+    /// Workspace.
     pub workspace: &'m mut [f32; WORKSPACE],
-    /// Reports that cameras were told of themselves.
+    /// Reports that the target sent to cameras about themselves.
     pub told: &'m mut [Option<Report>; CAMERAS],
 }
 
@@ -127,7 +132,7 @@ pub(super) struct Estimated {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Camera {
     address: MemberAddress,
-    /// This is the number under which it is estimated since it was moved.
+    /// True for the second entry of a camera that was moved: its pose since then.
     is_successor: bool,
 }
 
@@ -135,14 +140,14 @@ struct Camera {
 #[derive(Clone, Copy, Debug, Default)]
 struct Votes {
     agree: usize,
-    /// Cameras that hold another pose.
+    /// Cameras that disagree.
     against: usize,
-    /// The one that is farthest off, and its distance: chi squared.
+    /// The camera that disagrees most, and its chi squared.
     worst: Option<(usize, f32)>,
 }
 
 impl Camera {
-    /// Number that no camera has.
+    /// Entry that is free.
     const FREE: Self = Self {
         address: MemberAddress::MAX,
         is_successor: true,
@@ -150,7 +155,7 @@ impl Camera {
 }
 
 impl Votes {
-    /// More agree than not: the others have been moved. Otherwise the frame may be wrong.
+    /// Returns true if more cameras agree than disagree: then those were moved. Otherwise the frame may be wrong.
     const fn are_for(&self) -> bool {
         self.against == 0 || self.agree > self.against
     }
@@ -160,33 +165,33 @@ impl Votes {
 #[derive(Debug)]
 pub(super) struct Estimate<'m> {
     pub(super) estimator: JointEstimator<'m, f32>,
-    /// Cameras by their number in the estimator. One that was moved has two.
+    /// Cameras, by their number in the estimator. A moved camera has two entries.
     cameras: heapless::Vec<Camera, CAMERAS>,
-    /// Report that each was told, or is to be told.
+    /// Last report for each camera, sent or to be sent.
     told: &'m mut [Option<Report>; CAMERAS],
-    /// To be told.
+    /// Cameras to which a report is to be sent.
     news: CameraSet,
-    /// To be told again after the next solve, whatever its result.
+    /// Cameras to which a report is to be sent after the next solve, even if it is the same.
     again: CameraSet,
-    /// Moved cameras whose former place is to be forgotten.
+    /// Moved cameras of which the former place is to be forgotten.
     past: CameraSet,
-    /// Bearings before this one are written down, or are to be.
+    /// Number of bearings that are saved, or are to be saved.
     pub(super) saved: usize,
-    /// Stops of a former run are not in their order yet.
+    /// True while stops are restored from memory, in any order.
     pub(super) is_restoring: bool,
-    /// The way since the last stop, as the sensor read it.
+    /// Displacement since the last stop as the sensor measured it, and its covariance.
     pub(super) way: Option<(Vector2<f32>, Matrix2<f32>)>,
     frame: Option<Frame>,
     /// State that a target brought along from another network.
     arrival: Option<Arrival>,
-    /// This camera stands at another place than the frame needs.
+    /// Reference that does not stand where the frame needs it.
     rejected: Option<MemberAddress>,
-    /// Between these cameras the sightings so far give no frame.
+    /// Pairs of cameras whose sightings so far give no frame.
     pub(super) failed: heapless::Vec<[MemberAddress; 2], FAILED>,
     /// Direction of the sensor's x axis in the frame of the site before anything is estimated, and
     /// its sigma.
     sensor: Option<(f32, f32)>,
-    /// There is something that the last solve did not have.
+    /// True if something was measured since the last solve.
     pub(super) is_new: bool,
     sizes: Sizes,
 }
@@ -224,7 +229,7 @@ impl<'m> Estimate<'m> {
         })
     }
 
-    /// The target made a step, as its sensor reads it.
+    /// Adds a step, as the sensor measured it.
     pub(super) fn on_step(&mut self, step: &Step<f32>) {
         if let Some((walked, covariance)) = &mut self.way {
             *walked += step.displacement();
@@ -232,12 +237,12 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// From now on the target's way to its next stop is not known.
+    /// Marks the displacement to the next stop as unknown.
     pub(super) const fn lose_way(&mut self) {
         self.way = None;
     }
 
-    /// A camera saw the target at a stop. `radius` is that of the ball, 0 if it is not known.
+    /// Adds what a camera saw at a stop. `radius` is that of the ball, 0 if unknown.
     pub(super) fn on_seen(
         &mut self,
         camera: MemberAddress,
@@ -251,7 +256,7 @@ impl<'m> Estimate<'m> {
             return;
         }
         self.sizes.on_seen(camera, stop, seen);
-        // No measurement makes room for a camera that finds none.
+        // If there is no room for the camera, its measurement is dropped.
         let Some(camera) = self.number(camera) else {
             return;
         };
@@ -264,7 +269,7 @@ impl<'m> Estimate<'m> {
             .add_bearing(stop, camera, seen.bearing, seen.sigma)
             .and_then(|()| self.estimator.add_elevation(seen.elevation));
         self.is_new |= added.is_ok();
-        // Ranges leave room for bearings, which are worth more.
+        // Ranges fill half of the memory at most: bearings tell more.
         if let Some((range, sigma)) = seen.range(radius)
             && added.is_ok()
             && self.estimator.bearings() < WALK_BEARINGS / 2
@@ -308,8 +313,8 @@ impl<'m> Estimate<'m> {
         Some(self.cameras.len() - 1)
     }
 
-    /// The direction of the sensor is known to this, before anything is estimated. A direction from bearings
-    /// is worth nothing beside them.
+    /// Sets the direction of the sensor as known before the estimate. A direction that was computed from bearings
+    /// counts as unknown: the estimate has these bearings already.
     pub(super) const fn on_sensor(&mut self, heading: f32, sigma: f32) {
         if self.frame.is_none() {
             let sigma = if sigma > 0.0 { VAGUE } else { sigma };
@@ -317,8 +322,8 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// It came from another network and stands here, at a stop whose place it knows. Until there is a frame
-    /// the newest of these serves at which a camera saw it.
+    /// Sets the state of a target that came from another network, at a stop of which it knows the place. Before there
+    /// is a frame, the newest stop at which a camera saw the target is used.
     pub(super) fn arrive(&mut self, arrival: Arrival) {
         let is_seen = self.arrival.is_some_and(|before| {
             let index = self.index(before.stop);
@@ -330,7 +335,7 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// A camera told its status. One that forgot, or doubts, its report is told again.
+    /// Takes a camera's report of itself. A camera that forgot its pose, or doubts it, gets its report again.
     pub(super) fn on_report(&mut self, address: MemberAddress, report: &Report) {
         let is_it = |camera: &Camera| camera.address == address && !camera.is_successor;
         let Some(camera) = self.cameras.iter().position(is_it) else {
@@ -339,7 +344,7 @@ impl<'m> Estimate<'m> {
         let holds_it = report.joint.is_some() && report.status() != Status::Doubtful;
         let told = self.told.get(camera).copied().flatten();
         if told.is_some_and(|told| told.status() != Status::Doubtful) && !holds_it {
-            // Once there is another stop: a contradiction may show there.
+            // Only after the next stop: that may show a contradiction.
             self.again.mark(camera);
             if report.joint.is_none() {
                 self.news.mark(camera);
@@ -347,7 +352,7 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// Returns true if no camera holds the frame, or cameras that do not serve.
+    /// Returns true if there is no frame, or its references do not serve.
     fn wants_frame(&self) -> bool {
         let Some(frame) = &self.frame else {
             return true;
@@ -371,8 +376,8 @@ impl<'m> Estimate<'m> {
         }
     }
 
-    /// Takes a frame where there is none that serves: between the references or, where one of these is
-    /// dead or was moved, between the two cameras of which the poses are known best.
+    /// Finds a frame where there is none: between the references or, if one of these is dead or was moved, between the
+    /// two cameras with the best known poses.
     pub(super) fn find_frame(&mut self, table: &Table, config: &TargetConfig) {
         let pose = |entry: &CameraEntry| {
             let report = entry
@@ -402,7 +407,7 @@ impl<'m> Estimate<'m> {
             [Some(first), Some(second)] => Some([first, second]).filter(|pair| !has_failed(pair)),
             _ => None,
         };
-        // Where the references' distance was found by a target that came from elsewhere, it is no frame.
+        // A distance of the references that a target from another network found defines no frame.
         let is_measured = |pair| {
             Frame::between(pair, self.arrival.as_ref()).is_none_or(|frame| !frame.is_exact())
         };
@@ -496,7 +501,7 @@ impl<'m> Estimate<'m> {
     /// Prior of the carrier's scale and compass in a frame before anything is estimated.
     fn priors(&self, frame: &Frame, config: &TargetConfig) -> Option<(Prior<f32>, Prior<f32>)> {
         if let Some(arrival) = &self.arrival {
-            // They tell where the frame is, and not the other way round.
+            // The arrival tells where the frame is, not the other way round.
             let heading = angle::wrap_signed(frame.direction - arrival.heading);
             let [scale, compass] = [(arrival.scale, STRETCH), (heading, VAGUE)];
             return Some((prior(scale), prior(compass)));
@@ -520,8 +525,8 @@ impl<'m> Estimate<'m> {
         begins
     }
 
-    /// Forgets former places of moved cameras, so that those, and others, may be moved again. All bearings are then to be
-    /// written down anew.
+    /// Forgets former places of moved cameras, so that there is room for further moves. All bearings are then to be
+    /// saved anew.
     pub(super) fn forget_past(&mut self, unsaved: &mut Unsaved) {
         for camera in REFERENCES..self.cameras.len() {
             let Some(now) = successor(&self.estimator, camera) else {
@@ -544,7 +549,7 @@ impl<'m> Estimate<'m> {
         self.past = CameraSet::new();
     }
 
-    /// Some of the work. `None`: there is more. Else its result, if there is one.
+    /// Does a slice of the work. Returns `None` while there is more, then the result, if there is one.
     // for less stack
     #[inline(never)]
     pub(super) fn step(&mut self, table: &Table) -> Option<Option<Estimated>> {
@@ -559,7 +564,7 @@ impl<'m> Estimate<'m> {
                 if let (JointError::Start(why), Some(frame)) = (error, self.frame)
                     && why != Refusal::TooFew
                 {
-                    // One of them may have been moved: between others there may be one.
+                    // One of the two may have been moved. Another pair may give a frame.
                     let has_room = self.failed.push(frame.references).is_ok();
                     debug_assert!(has_room, "no more are tried at a stop");
                     if why != Refusal::Undetermined {
@@ -622,7 +627,7 @@ impl<'m> Estimate<'m> {
             self.is_new |= self.estimator.split(camera, from, into).is_ok();
             return;
         }
-        // It was moved once more, or no number is free: a former place is forgotten, and the next round finds this again.
+        // It was moved again, or no entry is free: forget a former place. The next round finds this camera again.
         let is_over = |&past: &usize| {
             let now = successor(&self.estimator, past);
             now.is_some_and(|now| !found.is_successor || now == camera)
@@ -641,7 +646,7 @@ impl<'m> Estimate<'m> {
         let inflation = solution.fit.inflation();
         let mut frame = self.frame?;
         if let Some(arrival) = self.arrival {
-            // A stop that is gone has left its trace in the frame.
+            // If the stop was dropped meanwhile, the frame has its information already.
             if let Some(stop) = self.index(arrival.stop)
                 && let Ok(stop) = self.estimator.place(stop)
             {
@@ -660,18 +665,27 @@ impl<'m> Estimate<'m> {
             debug!("a reference is not where it was");
             self.rejected = Some(worst.address);
         }
-        // References of which rows contradict any mounting spoil the frame of all others.
+        // If the rows of a reference contradict every mounting, the frame is wrong for all cameras.
         let inflation = solution.fit.inflation();
         let hung = [0, 1].map(|reference| self.estimator.levelness(reference, inflation));
         let is_frame_refused = { hung.iter().flatten() }.any(Levelness::is_refused);
         let frame = frame.hung(hung.map(|found| found.map_or(0.0, |found| found.shift_variance)));
         let frame = frame.tested_by(carrier.scale);
+        // A pose is no better than its frame. If a reference is known to be moved, its sightings before the move define
+        // the frame.
+        let is_frame_doubtful = (0..).zip(&frame.references).any(|(n, &reference)| {
+            let entry = table.iter().find(|entry| entry.address == reference);
+            let report = entry.and_then(|entry| entry.report);
+            report.is_some_and(|report| report.status() == Status::Doubtful)
+                && self.estimator.moved(n).is_none()
+        });
+        let doubts = [is_frame_doubtful, is_frame_refused];
         let radii = self.radii(inflation);
         let again = core::mem::take(&mut self.again);
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
-            let Some(mut report) = self.report(camera, &frame, solution, is_frame_refused) else {
+            let Some(mut report) = self.report(camera, &frame, solution, doubts) else {
                 if is_believed {
                     self.doubt_without_pose(camera);
                 }
@@ -701,7 +715,7 @@ impl<'m> Estimate<'m> {
                 {
                     report.state = CameraState::Doubtful(pose);
                 } else {
-                    // A pose that contradicts most cameras replaces no pose.
+                    // A result that most cameras contradict does not replace a pose.
                     continue;
                 }
             }
@@ -718,7 +732,7 @@ impl<'m> Estimate<'m> {
         }
         let sigmas = carrier.covariance * inflation;
         let (frame_heading, scale) = match &self.arrival {
-            // Nothing here tells better than the state that it brought along.
+            // The state that the target brought along is better than anything here.
             Some(arrival) => {
                 let Systematic {
                     heading_sigma,
@@ -745,7 +759,7 @@ impl<'m> Estimate<'m> {
         })
     }
 
-    /// A camera that had a pose has none any more: with what came since, its bearings fit none.
+    /// Calls the pose of a camera doubtful if its bearings fit no pose any more with those that came since.
     fn doubt_without_pose(&mut self, camera: usize) {
         let [came, _] = self.estimator.bearings_of(camera);
         let is_known = { self.cameras.get(camera) }.is_some_and(|of| !of.is_successor);
@@ -825,7 +839,7 @@ impl<'m> Estimate<'m> {
             let Some(of) = self.cameras.get(camera).copied() else {
                 break;
             };
-            // A moved one is known to disagree.
+            // A moved camera disagrees by definition.
             if of.is_successor || self.estimator.moved(camera).is_some() {
                 continue;
             }
@@ -861,7 +875,7 @@ impl<'m> Estimate<'m> {
         camera: usize,
         frame: &Frame,
         solution: &JointSolution<f32>,
-        is_frame_refused: bool,
+        [is_frame_doubtful, is_frame_refused]: [bool; 2],
     ) -> Option<Report> {
         let known = *self
             .cameras
@@ -892,8 +906,8 @@ impl<'m> Estimate<'m> {
             ..pose
         });
         in_site.covariance += widened;
-        // The place of a reference is the one that it was given, or says what the frame is: then nothing is estimated
-        // of it but the distance to the second one. A target that restarts knows the frame by that.
+        // A reference has the place that was given, or its place defines the frame. Then only the distance of the
+        // second one may be estimated. A target that restarts recognises the frame by these zeros.
         if camera < frame.references.len() && (frame.is_given() || !frame.is_baseline_known()) {
             let c = in_site.covariance;
             let (along, with) = if camera == 1 && !frame.is_given() {
@@ -903,20 +917,25 @@ impl<'m> Estimate<'m> {
             };
             in_site.covariance = Matrix3::new(along, 0.0, with, 0.0, 0.0, 0.0, with, 0.0, c.m33);
         }
-        // One more measurement may be wrong where several were, and this pose may hang on it.
+        let [bearings, legs] = self.estimator.left_out();
+        // Where several measurements are left out, a further one may be wrong, and this pose may depend on it.
         let hangs = |level: &ProtectionLevel| {
-            let [bearings, legs] = self.estimator.left_out();
             bearings + legs >= SEVERAL && level.position > HANGS * in_site.sigma_position()
         };
-        let protection = protection.filter(|level| level.is_usable() && !hangs(level));
+        let is_understood = bearings + legs < MANY || self.estimator.leg_noise() <= RESTLESS;
+        let protection = protection.filter(|level| {
+            !is_frame_doubtful && is_understood && level.is_usable() && !hangs(level)
+        });
         let mut none = ProtectionLevel::NONE;
-        if camera < frame.references.len() {
+        // If the told distance is wrong, the second reference does not stand where it was said to.
+        if camera == 0 || camera < frame.references.len() && !frame.is_contradicted() {
             none = ProtectionLevel::OF_REFERENCE;
         }
         let parts = PoseParts::from(in_site);
         let [came, count] = self.estimator.bearings_of(camera);
-        // A camera that hangs upside down fits what is left. A moved one is not believed either.
-        // The camera itself knows which pose is good enough, and checked.
+        // A camera that hangs upside down fits the bearings that are left. A moved camera without a new pose is not
+        // believed either.
+        // The camera itself decides whether its pose is good enough, and checked.
         let is_doubtful = !is_consensus(count, came, true)
             || self.estimator.is_selective(camera)
             || self.estimator.is_ambiguous(camera)
@@ -940,7 +959,7 @@ impl<'m> Estimate<'m> {
         })
     }
 
-    /// Cameras that are to be told something new. Says so once.
+    /// Returns the cameras with a new report, each once.
     pub(super) fn take_news(&mut self) -> impl Iterator<Item = MemberAddress> {
         let news = core::mem::take(&mut self.news);
         let cameras = self.cameras.iter().enumerate();
@@ -972,7 +991,7 @@ impl<'m> Estimate<'m> {
     }
 }
 
-/// The pose that a camera holds, as far as this target knows, if it was the result of all measurements.
+/// Returns the pose that a camera has by its last report, if a joint estimate gave it.
 fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
     let entry = table.iter().find(|entry| entry.address == address)?;
     let report = entry.report.filter(|report| report.joint.is_some())?;
@@ -980,7 +999,8 @@ fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
     report.pose().filter(|_| is_good)?.pose()
 }
 
-/// A pose as wide as it is unsure if a camera may as well stand elsewhere, upside down: then nothing is known of its heading.
+/// Widens the covariance of a pose so that it covers the place where the camera may stand upside down. Its heading is
+/// then unknown.
 fn either(mut pose: Pose<f32>, elsewhere: Point2<f32>) -> Pose<f32> {
     let half = (elsewhere - pose.position) * 0.5;
     let off = half.push(1.0);
@@ -992,7 +1012,7 @@ fn prior((mean, sigma): (f32, f32)) -> Prior<f32> {
     Prior { mean, sigma }
 }
 
-/// The number under which a moved camera is estimated since, if it has one.
+/// Returns the entry of a moved camera since its move, if it has one.
 #[inline(never)] // for less flash
 fn successor(estimator: &JointEstimator<'_, f32>, camera: usize) -> Option<usize> {
     estimator.moved(camera)?.successor

@@ -76,6 +76,8 @@ pub(super) struct Frame {
     survey: SurveySigma,
     /// Standard deviation of the scale of the carrier's steps, as it was told.
     steps: f32,
+    /// The carrier's steps contradict the baseline.
+    is_contradicted: bool,
     /// Variances of their places by pitches that are not known exactly.
     hung: [f32; 2],
 }
@@ -135,6 +137,7 @@ impl Frame {
             },
             survey: SurveySigma::EXACT,
             steps: f32::INFINITY,
+            is_contradicted: false,
             hung: [0.0; 2],
         })
     }
@@ -165,8 +168,14 @@ impl Frame {
         if *baseline > 0.0 {
             let share = off * beyond;
             *baseline = root(*baseline * *baseline + share * share);
+            self.is_contradicted = beyond > 0.0;
         }
         self
+    }
+
+    /// Returns true if the carrier's steps [contradict](Self::tested_by) the distance of both.
+    pub(super) const fn is_contradicted(&self) -> bool {
+        self.is_contradicted
     }
 
     /// The same frame, whose references seem to stand elsewhere by pitches that are not known exactly: variances.
@@ -351,6 +360,8 @@ mod tests {
                 position: 0.0,
             };
             let frame = frame.surveyed(&survey, 0.03).tested_by(scale);
+            let is_off = baseline > 0.0 && (scale - 1.0_f32).abs() > 0.1;
+            assert_eq!(frame.is_contradicted(), is_off, "{baseline} {scale}");
             root(frame.covariance(Point2::new(5.0, 0.0)).m11) / 5.0
         };
         for (baseline, scale, wide) in [

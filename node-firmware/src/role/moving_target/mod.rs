@@ -5,16 +5,15 @@
 //! confirms the answers that came while it stood there: only those count. When all have answered or cannot be
 //! reached it shows that its carrier may walk on. Nothing but the carrier makes it walk.
 //!
-//! Where no camera saw it at a stop, and it [roams](TargetConfig::roams), it looks for another network of the
-//! site before it walks on. In that one it goes on from where it is: it keeps its place, its direction and
-//! the scale of its steps, so the cameras there calibrate in the same frame. It drops the cameras of the
-//! network it left, and their measurements.
+//! If no camera saw it at a stop, and it [roams](TargetConfig::roams), it looks for another network of the site before
+//! it walks on. It keeps its place, its direction and the scale of its steps, so that the cameras there calibrate in
+//! the same frame. It drops the cameras of the network that it left, and their measurements.
 //!
-//! Where its step sensor fails, it is nowhere, until a person tells it a place where it stands. It tells that as a
-//! stop, like any other, and goes on so from place to place until its steps are known again.
+//! If its step sensor fails, its place is unknown until a person tells it where it stands. This place is a stop like
+//! any other. So it goes on from place to place until its sensor works again.
 //!
-//! It does not know where it is before the first reference camera tells it, or before two cameras
-//! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
+//! It does not know its place before the first reference camera tells it, or two cameras with known poses see it at one
+//! stop; one camera is enough if the size of the ball is known. From then on it uses dead reckoning.
 
 mod confirmations;
 mod estimate;
@@ -54,46 +53,46 @@ use crate::{
     steps::SensorError,
 };
 
-/// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
-/// takes a camera some 0.6 s, and there may be many.
+/// Time from the broadcast of a stop until cameras that did not answer are asked one by one. A look takes about 0.6 s,
+/// and there may be many cameras.
 const ASK_AFTER: Duration = Duration::from_millis(1500);
 
-/// After an answer was asked for and the question delivered, before the camera counts as silent.
+/// Time from the delivery of a question until the camera counts as silent.
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 
-/// A camera that is still starting is asked again after this.
+/// Time until a camera that is still starting is asked again.
 const READY_AFTER: Duration = Duration::from_secs(2);
 
-/// Cameras asked at a time.
+/// Cameras that are asked at a time.
 const ASKED_AT_A_TIME: usize = 2;
 
-/// While cameras see a target that does not know its place, it waits so long for being told.
+/// Time that a target without a place waits to be told its place, while cameras see it.
 const LOCATED_WITHIN: Duration = Duration::from_secs(2);
 
-/// The network has begun to look for another one by then, and tells how that ended.
+/// Time by which the network has begun to look for another one. It reports the result.
 const ROAM_WITHIN: Duration = Duration::from_secs(1);
 
-/// Between two slices of the estimate: others have to be heard.
+/// Pause between two slices of the estimate, in which messages are taken.
 const BREATH: Duration = Duration::from_millis(1);
 
-/// Stops whose place the first reference camera may still tell.
+/// Stops of which the first reference camera may still tell the place.
 const STOOD: usize = 4;
 
 /// A message of which a target must know whether it was delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetNotification {
-    /// It presents itself.
+    /// The target's hello.
     Hello,
-    /// It asks a camera for its answer to this stop.
+    /// Question to a camera about this stop.
     Ask(MemberAddress, StopNumber),
-    /// It tells a camera its pose.
+    /// Pose of a camera, for that camera.
     Posed(MemberAddress),
-    /// It tells the coordinator its health.
+    /// Health, for the coordinator.
     Health,
 }
 
-/// There is one of each of these, but for poses. The table knows the cameras to ask.
+/// One of each of these, except for poses. The table knows the cameras that are asked.
 const NOTIFICATIONS: usize = 2 + estimate::CAMERAS;
 
 impl Notification for TargetNotification {
@@ -109,7 +108,7 @@ impl Notification for TargetNotification {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetTask {
-    /// To be in the network that it hears best.
+    /// Join the network that is heard best.
     Roam,
 }
 
@@ -117,9 +116,9 @@ pub enum TargetTask {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetEvent {
-    /// Its carrier made a step.
+    /// Step of the carrier.
     Step(Step<f32>),
-    /// The step sensor has this fault, or works again. From then on the place of the target is not known.
+    /// The step sensor has this fault, or works again. The place of the target is unknown from then on.
     Sensor(Option<SensorError>),
 }
 
@@ -134,48 +133,48 @@ pub struct TargetRole<'m> {
     located: bool,
     /// Direction of the sensor's x axis in the frame of the site, and its sigma.
     frame_heading: Option<(f32, f32)>,
-    /// Two places told it, and no third one has agreed yet.
+    /// True if two places gave it, and no third one has confirmed it.
     is_heading_provisional: bool,
     stop: StopNumber,
     state: State,
     /// The track at the last stop, in the frame it had there.
     at_stop: Track<f32>,
-    /// The same of the last stops, for an answer that comes late.
+    /// Tracks at the last stops, for answers that come late.
     stood: heapless::Deque<(StopNumber, Track<f32>), STOOD>,
-    /// The last place found from bearings, its covariance, and the track there: with another one
-    /// they give the direction of the sensor.
+    /// Last place that was found from bearings, its covariance, and the track there. With another place they give the
+    /// direction of the sensor.
     found: Option<(Point2<f32>, Matrix2<f32>, Track<f32>)>,
     bearings: heapless::Vec<(ShortAddress, StopBearing), 4>,
-    /// When to find its place from them.
+    /// Time to find the place from bearings.
     locate_at: Option<Instant>,
     table: Table,
     /// Cameras that saw it at this stop.
     confirmations: Confirmations,
-    /// The coordinator told the cameras, since the start.
+    /// True if the coordinator has sent the list of cameras since the start.
     knows_cameras: bool,
-    /// Facts that are not written down yet.
+    /// Facts that are not saved yet.
     unsaved: Unsaved,
     notifications: Notifications<TargetNotification, NOTIFICATIONS>,
-    /// All that was measured, if there is memory for it.
+    /// Joint estimate, if there is memory for it.
     estimate: Option<Estimate<'m>>,
-    /// Ratio of the step sensor's reading to the true length, as far as it was estimated. Above zero.
+    /// Ratio of the step sensor's reading to the true length, as estimated so far. Above zero.
     scale: f32,
-    /// The stop is over: there is time to estimate, from then on.
+    /// Time from which on the target estimates: its stop is over.
     estimate_at: Option<Instant>,
     is_estimating: bool,
     seen: bool,
     health: Health,
-    /// It looked for another network at this stop.
+    /// True if it looked for another network at this stop.
     has_roamed: bool,
-    /// It knew where it is when it came into this network.
+    /// True if it knew its place when it came into this network.
     has_arrived: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
-    /// The last step was then; `None`: nothing yet.
+    /// Time of the last step, if there was one.
     Walking { last: Option<Instant> },
-    /// It stands, and tells so.
+    /// It stands at a stop, and tells cameras.
     Standing(Standing),
 }
 
@@ -184,16 +183,16 @@ struct Standing {
     since: Instant,
     /// All were told of the stop.
     announced: bool,
-    /// Nothing before this.
+    /// Time before which nothing is sent.
     ask_at: Instant,
-    /// Not told of its place yet, although cameras see it.
+    /// Time until which it waits to be told its place, while cameras see it.
     wait_until: Option<Instant>,
     may_walk: bool,
 }
 
 impl<'m> TargetRole<'m> {
-    /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
-    /// memory must not use the numbers of former stops again.
+    /// A target that knows nothing. `first_stop` should be random: a target that lost its memory must not use the
+    /// numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
         // Random as well: the cameras' records of a former walk must not look like one of this.
         let track = nowhere(&config).numbered(first_stop.into());
@@ -229,20 +228,20 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// From now on it estimates all measurements together, in this memory. Without, it reckons, and cameras
-    /// are on their own.
+    /// Gives it the memory for the joint estimate. Without, it uses dead reckoning alone, and cameras solve their own
+    /// poses.
     // for less stack
     #[inline(never)]
     pub fn estimate_in(&mut self, memory: EstimateMemory<'m>) {
         self.estimate = Estimate::new(memory);
     }
 
-    /// The cameras it knows, with their reports: the table of Appendix B.
+    /// Returns the cameras that it knows, with their reports: the table of Appendix B.
     pub fn cameras(&self) -> impl Iterator<Item = CameraEntry> {
         self.table.iter()
     }
 
-    /// Where it reckons to be, and whether that is in the frame of the site.
+    /// Returns its place by dead reckoning, and its frame.
     pub fn position(&self) -> (Point2<f32>, bool) {
         (self.track.position(), self.located)
     }
@@ -252,7 +251,7 @@ impl<'m> TargetRole<'m> {
     }
 
     fn standing_deadline(&self, standing: &Standing) -> Option<Instant> {
-        // Without one there is nothing to tell.
+        // Without a stop there is nothing to tell.
         self.place()?;
         if !standing.announced {
             return Some(standing.since);
@@ -267,7 +266,7 @@ impl<'m> TargetRole<'m> {
         } else if self.table.is_settled() && !self.knows_cameras {
             None
         } else if self.table.is_settled() {
-            // The rest is time.
+            // The rest depends on time.
             let until = standing.wait_until.unwrap_or(standing.since);
             Some(
                 dwell(self.config.dwell_least_ms)
@@ -285,7 +284,7 @@ impl<'m> TargetRole<'m> {
         Some(deadline.max(standing.ask_at))
     }
 
-    /// After a restart.
+    /// Goes on after a restart.
     fn resume(&mut self, walk: &Walk) {
         self.stop = walk.stop;
         if let Some(estimate) = &mut self.estimate {
@@ -302,7 +301,7 @@ impl<'m> TargetRole<'m> {
         }
         let place = walk.place;
         if !walk.standing {
-            // It walked, and the steps since were not counted.
+            // It walked during the restart, and these steps were not counted.
             let fix = place.parts().fix.wrapping_add(1);
             self.track = nowhere(&self.config).numbered(fix);
             self.at_stop = self.track;
@@ -321,7 +320,7 @@ impl<'m> TargetRole<'m> {
         });
     }
 
-    /// The next fact to write down.
+    /// Returns the next fact to save.
     fn unsaved_fact(&mut self) -> Option<Fact> {
         while let Some(key) = self.unsaved.take() {
             let fact = match key {
@@ -341,7 +340,7 @@ impl<'m> TargetRole<'m> {
         None
     }
 
-    /// Its walk, if its place can be told.
+    /// Returns its walk, if its place can be sent.
     fn walk(&self) -> Option<Walk> {
         let (heading, sigma) = self.frame_heading.unzip();
         Some(Walk {
@@ -355,7 +354,8 @@ impl<'m> TargetRole<'m> {
         })
     }
 
-    /// The first reference camera may still tell the place of this stop. The oldest makes room.
+    /// Remembers the track at this stop, of which the first reference camera may still tell the place. A full list
+    /// drops the oldest.
     fn remember_stop(&mut self) {
         if self.stood.is_full() {
             self.stood.pop_front();
@@ -388,7 +388,7 @@ impl<'m> TargetRole<'m> {
         self.unsaved.insert(FactKey::Walk);
     }
 
-    /// It stands in a network to which it brings its frame.
+    /// Begins a stop in a network to which it brings its frame.
     fn arrive(&mut self) {
         let heading = self
             .frame_heading
@@ -401,7 +401,7 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// Told again, since the place is known now.
+    /// Tells the stop again, since its place is known now.
     fn tell_again(&mut self, now: Instant) {
         self.table.new_stop(!self.located);
         self.confirmations.clear();
@@ -428,7 +428,7 @@ impl<'m> TargetRole<'m> {
         }))
     }
 
-    /// A camera answers the present stop.
+    /// Takes an answer of a camera to the present stop.
     fn on_look(&mut self, now: Instant, from: ShortAddress, look: &StopAnswer) {
         let is_in_view = look.sight == Sight::InView;
         self.table.on_answer(now, from.0, look);
@@ -436,7 +436,7 @@ impl<'m> TargetRole<'m> {
             self.confirmations.repeat(now, from.0);
             return;
         };
-        // The carrier may have left already.
+        // The carrier may have left.
         if standing.may_walk {
             self.confirmations.repeat(now, from.0);
             return;
@@ -455,7 +455,7 @@ impl<'m> TargetRole<'m> {
         self.on_seen(from, look);
     }
 
-    /// Presents itself, and tells its health if anything is wrong.
+    /// Sends its hello, and its health if anything is wrong.
     fn present(&mut self, now: Instant) {
         self.notifications.notify(TargetNotification::Hello, now);
         if self.health != Health::default() {
@@ -463,25 +463,25 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// State of the step sensor. Steps may have been missed where it is another one.
+    /// Takes the state of the step sensor. After a change, steps may have been missed.
     fn on_sensor(&mut self, now: Instant, steps: Option<SensorError>) {
         let before = core::mem::replace(&mut self.health.steps, steps);
         if before == steps {
             return;
         }
         self.notifications.notify(TargetNotification::Health, now);
-        // A sensor that goes on failing makes no new stops.
+        // A sensor that still fails makes no new stop.
         if before.is_some() != steps.is_some() {
             self.lose(now);
         }
     }
 
-    /// Its sensor fails: even if the target is found, it may be elsewhere by then.
+    /// Returns true if its sensor fails: then the target may be elsewhere by the time that it is found.
     const fn has_no_steps(&self) -> bool {
         self.health.steps.is_some()
     }
 
-    /// A message that has to be told, as it is known now, and its receiver.
+    /// Builds a message from what is known now. Returns it with its receiver.
     fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
             TargetNotification::Hello => {
@@ -510,7 +510,7 @@ impl<'m> TargetRole<'m> {
         if !standing.announced {
             standing.announced = true;
             standing.ask_at = now + ASK_AFTER;
-            // Also if no camera is heard: a camera that did not hear of the stop hears of it then.
+            // Also if no camera was heard: one that missed the stop hears of it now.
             self.confirmations.due(standing.ask_at);
             return Some(Output::Send {
                 to: ShortAddress::BROADCAST,
@@ -518,7 +518,7 @@ impl<'m> TargetRole<'m> {
                 notification: None,
             });
         }
-        // The carrier may have left already: no camera must look now.
+        // The carrier may have left: no camera must look now.
         if now < standing.ask_at || standing.may_walk {
             return None;
         }
@@ -526,7 +526,7 @@ impl<'m> TargetRole<'m> {
         let waited = now.since(standing.since);
         let most = Duration::from_millis(self.config.dwell_most_ms.into());
         if waited.saturating_add(ANSWER_WITHIN) >= most {
-            // A camera that is asked now would not have the time to look.
+            // A camera that is asked now has no time to look.
             self.table.close();
         }
         if let Some(address) = self.table.ask(ASKED_AT_A_TIME) {
@@ -551,7 +551,7 @@ impl<'m> TargetRole<'m> {
             standing.may_walk = true;
             self.estimate_at = Some(now + BREATH);
             self.save_history();
-            // Written down before the lamp goes on: after a restart it is not known whether it left.
+            // It is saved before the lamp goes on: after a restart it is unknown whether the carrier left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
         }
@@ -592,7 +592,7 @@ impl Role for TargetRole<'_> {
             estimate.sort_restored(self.stop, unsaved);
         }
         if (self.last_network).on_attached(was_attached, network, unsaved) {
-            // It stands where it stood, but among others.
+            // It stands at the same place, in another network.
             self.table.clear(unsaved);
             self.has_arrived = self.located;
             let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
@@ -609,17 +609,17 @@ impl Role for TargetRole<'_> {
             self.bearings.clear();
             self.locate_at = None;
             self.knows_cameras = false;
-            // Addresses are others' here.
+            // Addresses belong to other nodes here.
             (self.notifications).retain(|told| !matches!(told, TargetNotification::Posed(_)));
         }
         self.present(now);
-        // Those of a former run report no more.
+        // Cameras of a former network do not report any more.
         self.find_references();
         match self.state {
-            // From now on: it may have stood for long.
+            // The wait begins now: it may have stood for long.
             State::Walking { last: None } => {
                 self.state = State::Walking { last: Some(now) };
-                // Measurements from before a restart may not have been told.
+                // Cameras may not have heard of measurements before a restart.
                 let is_new = self
                     .estimate
                     .as_ref()
@@ -635,7 +635,7 @@ impl Role for TargetRole<'_> {
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
             Message::Look(look) if look.stop == self.stop => self.on_look(now, from, look),
-            // It stood there; a camera that answers now may have looked when it did no more.
+            // It has left the stop: a camera that answers now may have looked too late.
             Message::Look(_) => {}
             Message::Report(report) => {
                 self.table.report(from.0, *report, &mut self.unsaved);
@@ -646,7 +646,7 @@ impl Role for TargetRole<'_> {
                 self.find_references();
             }
             Message::Located(told) if from == COORDINATOR => self.on_placed(now, told),
-            // No other node has solved anything.
+            // Only the first reference and targets solve.
             Message::Located(located) if self.table.may_be_first(from.0) => {
                 self.on_located(now, located);
             }
@@ -687,7 +687,7 @@ impl Role for TargetRole<'_> {
 
     fn on_event(&mut self, now: Instant, event: TargetEvent) {
         match event {
-            // They are no steps of a person, or not all.
+            // These are not all steps of a person.
             TargetEvent::Step(_) if self.has_no_steps() => {}
             TargetEvent::Step(step) => self.on_step(now, &step),
             TargetEvent::Sensor(fault) => self.on_sensor(now, fault),

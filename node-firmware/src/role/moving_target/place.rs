@@ -23,15 +23,15 @@ use crate::{
     message::{MemberAddress, Report, Sight, StopAnswer, StopBearing, TargetLocation, matrix},
 };
 
-/// After a camera's bearing, before it is used: those of other cameras make the place better. The
-/// first two may look along one line.
+/// Time from the first bearing until bearings are used. Those of other cameras make the place better: the first two may
+/// look along one line.
 const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 
-/// A direction that is not known to this, radians, is none.
+/// Largest sigma of a direction that is used, radians.
 const HEADING_LIMIT: f32 = 0.1;
 
 impl TargetRole<'_> {
-    /// Its place; none where it walked so far that the place is unbelievable.
+    /// Returns its place, unless it walked so far that the place is useless.
     pub(super) fn place(&self) -> Option<Place<f32>> {
         self.track.place(self.config.standing_sigma).ok()
     }
@@ -43,7 +43,7 @@ impl TargetRole<'_> {
                 self.save_history();
                 self.unsaved.insert(FactKey::Walk);
             }
-            // Cameras that sleep are woken now, and have started at the next stop.
+            // Sleeping cameras are woken now, and have started by the next stop.
             if now >= standing.since + WAKE_FOR {
                 self.confirmations.due(now);
             }
@@ -62,13 +62,13 @@ impl TargetRole<'_> {
             heading: step.heading + turn,
             ..*step
         };
-        // A track may also grow too long for a place that can be sent.
+        // A track may become too long for a message.
         if self.track.advance(&step).is_err() || self.place().is_none() {
             self.lose(now);
         }
     }
 
-    /// The place is not known any more: the sensor failed, or the target was carried unawares.
+    /// Marks the place as unknown: the sensor failed, or the target was carried.
     pub(super) fn lose(&mut self, now: Instant) {
         let stands = matches!(self.state, State::Standing(_));
         let lost = self.jump(Point2::origin(), Matrix2::zeros());
@@ -78,8 +78,8 @@ impl TargetRole<'_> {
         }
     }
 
-    /// A person tells the place where it stands, for its sensor does not tell the way there. Told again, it is the
-    /// same stop.
+    /// Takes the place where it stands from a person, since the sensor did not measure the way there. The same place is
+    /// the same stop.
     pub(super) fn on_placed(&mut self, now: Instant, told: &TargetLocation) {
         let place = Point2::from(told.position);
         let is_there = self.located && self.track.position() == place;
@@ -89,7 +89,7 @@ impl TargetRole<'_> {
         }
     }
 
-    /// It is somewhere else, and the way there is not known.
+    /// Begins anew at a place to which the way is unknown.
     fn jump(&mut self, position: Point2<f32>, covariance: Matrix2<f32>) -> Result<(), TrackError> {
         let own_frame = systematic(&self.config, 0.0);
         self.track.relocate(position, covariance, own_frame)?;
@@ -106,7 +106,7 @@ impl TargetRole<'_> {
         Ok(())
     }
 
-    /// The target was found at this point of its track. It may have walked on since.
+    /// Takes the place of a point of its track. The target may have walked on since.
     fn fix(
         &mut self,
         now: Instant,
@@ -116,7 +116,7 @@ impl TargetRole<'_> {
         (heading, heading_sigma): (f32, f32),
         systematic: Systematic<f32>,
     ) {
-        // The track is in the frame of the site already, or in that of its sensor.
+        // The track is in the frame of the site, or in that of the sensor.
         let turned = match (self.located, self.frame_heading) {
             (true, Some((before, _))) => heading - before,
             _ => heading,
@@ -147,13 +147,13 @@ impl TargetRole<'_> {
         }
     }
 
-    /// The first reference camera solved, and tells where this target stood.
+    /// Takes the place of a stop from the first reference camera.
     pub(super) fn on_located(&mut self, now: Instant, located: &TargetLocation) {
         if !located.is_usable() || self.located || self.has_no_steps() {
             return;
         }
         let heading = (located.frame_heading, located.frame_heading_sigma);
-        // A stop that was long ago tells no place, but the direction of the sensor's axes is still what it was.
+        // An old stop gives no place. It still gives the direction of the sensor.
         let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
         let then = then.map(|(_, then)| *then);
         if let Some(estimate) = &mut self.estimate
@@ -174,7 +174,7 @@ impl TargetRole<'_> {
         self.find_references();
     }
 
-    /// A camera saw it at the present stop.
+    /// Takes a bearing of a camera at the present stop.
     pub(super) fn on_seen(&mut self, from: ShortAddress, look: &StopAnswer) {
         if let Some(seen) = look.seen.filter(|_| look.sight == Sight::InView)
             && let Some(estimate) = &mut self.estimate
@@ -184,14 +184,14 @@ impl TargetRole<'_> {
         }
     }
 
-    /// Tells the estimate the cameras of the frame, once both know their poses.
+    /// Gives the estimate its frame, once both cameras know their poses.
     pub(super) fn find_references(&mut self) {
         if let Some(estimate) = &mut self.estimate {
             estimate.find_frame(&self.table, &self.config);
         }
     }
 
-    /// Does some of the work of estimating everything. When that is done, tells the cameras that it concerns.
+    /// Does a slice of the joint estimate. At its end, sends the poses.
     // for less stack
     #[inline(never)]
     pub(super) fn estimate(&mut self, now: Instant) {
@@ -212,14 +212,14 @@ impl TargetRole<'_> {
             return;
         };
         self.is_estimating = false;
-        // There may be something new.
+        // There may be new measurements.
         self.estimate_news(now);
         if let Some(estimated) = estimated {
             self.on_estimated(now, &estimated);
         }
     }
 
-    /// Cameras for which there is something new are told.
+    /// Sends reports to the cameras with a new one.
     pub(super) fn estimate_news(&mut self, now: Instant) {
         if let Some(estimate) = &mut self.estimate {
             for camera in estimate.take_news() {
@@ -229,7 +229,7 @@ impl TargetRole<'_> {
         }
     }
 
-    /// A camera has its estimated pose. After a restart it is known that it held this.
+    /// Notes that a camera has its pose. The note is kept over a restart.
     pub(super) fn on_told(&mut self, camera: MemberAddress) {
         let reports = self.estimate.iter().flat_map(Estimate::reports);
         let told = { reports }.find_map(|(of, told)| (of == camera).then_some(*told));
@@ -240,7 +240,7 @@ impl TargetRole<'_> {
             pose.is_some_and(|pose| pose.covariance.first() == Some(&0.0))
         };
         if let (Some(told), Some(before)) = (told, before) {
-            // A place that was given is not replaced but by doubt.
+            // Only a doubt replaces a given place.
             if is_exact(&before) && !is_exact(&told) && before.status() != Status::Doubtful {
                 return;
             }
@@ -253,11 +253,11 @@ impl TargetRole<'_> {
         }
     }
 
-    /// All measurements together give the place of this target, and the scale of its step sensor.
+    /// Takes the place of this target and the scale of its step sensor from the joint estimate.
     fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
-        // It stands elsewhere by now, and tells so: the next round is about that.
+        // It stands elsewhere by now: the next round has that stop.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
-        // Its way since then is not known either, if its sensor failed or it restarted.
+        // If the sensor failed, or it restarted, the way since then is unknown too.
         let knows_way = { self.estimate.as_ref() }.is_some_and(Estimate::knows_way);
         if estimated.stop != self.stop
             || !knows_way
@@ -283,7 +283,7 @@ impl TargetRole<'_> {
         );
     }
 
-    /// A camera that knows its pose saw this target, which does not know its place.
+    /// Takes a bearing of a camera with a known pose, while the place is unknown.
     pub(super) fn on_bearing(&mut self, now: Instant, from: ShortAddress, bearing: &StopBearing) {
         let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
         let is_of_use =
@@ -310,8 +310,7 @@ impl TargetRole<'_> {
         }
     }
 
-    /// From the bearings of all cameras that saw this target and know their poses. One is enough if
-    /// its range is known.
+    /// Finds the place from the bearings of all cameras with known poses. One is enough if it tells the range.
     pub(super) fn locate(&mut self, now: Instant) {
         if self.located {
             return;
@@ -356,7 +355,7 @@ impl TargetRole<'_> {
         if let Some(heading) = self.frame_heading
             && (is_checked || agrees == Some(true))
         {
-            // Only the first target hears this of the references.
+            // Only the first target hears this from the references.
             if let Some(estimate) = &mut self.estimate {
                 estimate.on_sensor(heading.0, heading.1);
             }
@@ -371,13 +370,12 @@ impl TargetRole<'_> {
             );
             return;
         }
-        // Another pair of places gives a new direction where the next place contradicts the one of a former
-        // pair.
+        // If the next place contradicts the direction, another pair of places gives a new one.
         let is_told = self.frame_heading.is_some();
         if is_told && !(self.is_heading_provisional && agrees == Some(false)) {
             return;
         }
-        // The direction of the sensor follows from two places.
+        // Two places give the direction of the sensor.
         if let Some((before, before_covariance, track)) = &before
             && let Some(walked) = at_stop.since(track)
         {
@@ -394,7 +392,7 @@ impl TargetRole<'_> {
     }
 }
 
-/// The direction of a displacement, radians.
+/// Direction of a displacement, radians.
 fn direction(of: Vector2<f32>) -> f32 {
     RealField::atan2(of.y, of.x)
 }
@@ -407,7 +405,7 @@ fn systematic(config: &TargetConfig, frame_heading_sigma: f32) -> Systematic<f32
     }
 }
 
-/// A track in the target's own frame, which begins where it is.
+/// A track in the target's own frame, with its origin here.
 pub(super) fn nowhere(config: &TargetConfig) -> Track<f32> {
     let origin = (Point2::origin(), Matrix2::zeros());
     let track = Track::start(origin.0, origin.1, systematic(config, 0.0));
