@@ -1,4 +1,4 @@
-//! The unknowns and their sources: measurements, estimates, and the rows that they make.
+//! Measurements, estimates, and the rows of the equations that they give.
 
 use core::ops::Range;
 
@@ -12,14 +12,14 @@ use crate::{
     numerics::real::lit,
 };
 
-/// Rows of a camera that tell how it hangs: the last ones of so many.
+/// Most rows of a camera that tell how it hangs: its last ones.
 const ROWS: usize = 32;
 
-/// Cameras 0 and 1: they define the frame.
+/// Number of references: cameras 0 and 1, which define the frame.
 pub const REFERENCES: usize = 2;
 
-/// Unknowns of a camera at most, and which is which. A camera's block is a part of them, in this order: of a
-/// reference without its place, without the principal point or the whole lens if these are not estimated.
+/// Most unknowns of a camera, and their order. The block of a camera is a part of them: references have no place, and
+/// the lens or its principal point may not be estimated.
 pub(super) const BLOCK: usize = 5;
 pub(super) const PLACE: usize = 0;
 const ACROSS: usize = 1;
@@ -36,32 +36,31 @@ pub(super) const STOPS: usize = 2;
 /// Camera 1 is on the x axis up to this share of the baseline.
 const ON_AXIS: f64 = 1e-5;
 
-/// A leg that was not as measured, and a camera that seemed to be moved so few stops before or after it, may
-/// be one fault.
+/// Distance in stops within which a wrong leg and a camera that seemed to be moved may be one fault.
 const NEAR: usize = 12;
 
-/// Least factor by which an excluded leg's rows are shortened: it has 50 times its sigmas, or as much as it
-/// is long if that is more.
+/// Least factor by which the rows of an excluded leg are shortened: its sigmas are 50 times larger, or as large as its
+/// length if that is more.
 const EXCLUDED_LEG: f64 = 0.02;
 
-/// A stop: how it was reached, and where it is thought to be.
+/// A stop: the leg that leads there, and its estimated place.
 #[derive(Clone, Copy, Debug)]
 pub struct Stop<T: Real> {
     pub(super) place: Point2<T>,
-    /// From the stop before, as the carrier measured it.
+    /// Displacement from the stop before, as the carrier measured it.
     pub(super) displacement: Vector2<T>,
     /// The root `W` of that measurement's information, `W^T W = C^-1`: lower triangular, by rows.
     /// Zeros where nothing was measured.
     pub(super) root: [T; 3],
     /// Standing of the displacement: counted or left out.
     pub(super) standing: Standing,
-    /// The caller's own.
+    /// Number that the caller gave it.
     pub(super) tag: StopTag,
     /// The step of its place.
     pub(super) step: Vector2<T>,
     /// Leverage of the leg that leads there: covariance `xx, xy, yy` of its two whitened rows.
     pub(super) leverage: [T; 3],
-    /// It can be moved, or the leg's measurement, and nothing contradicts.
+    /// True if no measurement determines its place, or if no other one checks the leg.
     pub(super) is_undetermined: bool,
     pub(super) is_leg_undetermined: bool,
 }
@@ -75,9 +74,9 @@ pub struct Sight<T> {
     pub(super) value: T,
     pub(super) sigma: T,
     pub(super) standing: Standing,
-    /// Of a bearing: how far above the camera's horizontal plane, if that is known.
+    /// Elevation of a bearing above the camera's horizontal plane, if known.
     pub(super) elevation: Elevation,
-    /// The camera's one before, by descending stop.
+    /// The sighting of this camera before, by descending stop.
     pub(super) next: u32,
 }
 
@@ -114,7 +113,7 @@ pub struct Visit<T> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Standing {
-    /// It counts.
+    /// Counted.
     #[default]
     Counts,
     /// Left out because it contradicts the others; it comes back when it agrees with them.
@@ -131,19 +130,19 @@ pub struct Unknown<T: Real> {
     /// bearing over the measured one, less one, and what is added to it for the principal column.
     pub(super) value: [T; BLOCK],
     pub(super) step: [T; BLOCK],
-    /// The last one of its sights.
+    /// Its last sighting.
     pub(super) last: u32,
-    /// It is estimated.
+    /// True if it is estimated.
     pub(super) takes_part: bool,
-    /// It can be moved and nothing contradicts.
+    /// True if no measurement determines its pose.
     pub(super) is_undetermined: bool,
-    /// Bearings it had when it was last looked at, so that it is not looked at again for nothing.
+    /// Bearings that it had at the last look, so that the same ones are not looked at again.
     pub(super) tried: u16,
-    /// It was taken in since the passes last came to an end.
+    /// True if it was let in since the passes converged last.
     pub(super) is_new: bool,
-    /// Stop from which on its sightings are not its own, because it was moved.
+    /// Stop since which its sightings are not its own: it was moved.
     pub(super) moved: Option<u16>,
-    /// The camera that those bearings belong to.
+    /// Camera that has the sightings since then.
     pub(super) successor: Option<u16>,
     pub(super) protection: ProtectionLevels<T>,
     /// Pitch and roll by which its directions are turned upright.
@@ -151,7 +150,7 @@ pub struct Unknown<T: Real> {
 }
 
 impl<T: Real> Default for Stop<T> {
-    /// At the origin, and without a known way there.
+    /// A stop at the origin, without a leg.
     fn default() -> Self {
         let zero = T::zero();
         Self {
@@ -169,7 +168,7 @@ impl<T: Real> Default for Stop<T> {
 }
 
 impl<T: Real> Default for Sight<T> {
-    /// No bearing worth anything.
+    /// A sighting without a measurement.
     fn default() -> Self {
         Self {
             stop: 0,
@@ -185,7 +184,7 @@ impl<T: Real> Default for Sight<T> {
 }
 
 impl<T: Real> Default for Visit<T> {
-    /// None worth anything.
+    /// A visit without a measurement.
     fn default() -> Self {
         Self {
             stop: 0,
@@ -196,7 +195,7 @@ impl<T: Real> Default for Visit<T> {
 }
 
 impl<T: Real> Default for Unknown<T> {
-    /// Nothing was seen of it.
+    /// A camera without sightings.
     fn default() -> Self {
         Self {
             value: [T::zero(); BLOCK],
@@ -214,11 +213,11 @@ impl<T: Real> Default for Unknown<T> {
     }
 }
 
-/// Numbers that cannot be left out.
+/// Common values of the problem.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Common<T: Real> {
     pub baseline: T,
-    /// If not, it is a guess, and the carrier's scale sets all lengths.
+    /// True if the baseline is known. Otherwise it is a guess, and the scale of the carrier sets all lengths.
     pub is_baseline_known: bool,
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
@@ -230,24 +229,24 @@ pub(super) struct Common<T: Real> {
     /// Scale and compass offset.
     pub carrier: Vector2<T>,
     pub carrier_step: Vector2<T>,
-    /// By how much the legs' sigmas are larger than they claim.
+    /// Noise of the legs, relative to the told noise.
     pub leg_factor: T,
-    /// Stage that the last pass has reached.
+    /// Stage of the last pass.
     pub told: Told,
     /// Chi squared of the equations, as far as they are there: of cameras and marks, and of the carrier.
     pub cost: [T; 2],
-    /// The first unknown that it did not determine.
+    /// First unknown that the pass did not determine.
     pub undetermined: Option<Undetermined>,
     pub is_carrier_undetermined: bool,
-    /// The passes have a frame to begin with.
+    /// True once a start was found.
     pub is_started: bool,
-    /// First and last stop whose bearings are looked at: all of them but during a start.
+    /// First and last stop whose bearings count: all, except during a start.
     pub window: [u16; 2],
-    /// All unknowns are a solver's, and nothing is kept.
+    /// True if one solver has all unknowns.
     pub is_whole: bool,
-    /// Camera and stop from which on its sightings are left out of the equations, to see what that changes.
+    /// Camera and stop since which its sightings are left out of the equations for a test.
     pub left_out: Option<(usize, usize)>,
-    /// A camera that is off since some stop, and the possible reason.
+    /// Camera that is wrong since some stop, and the possible reason.
     pub suspect: Option<Suspect<T>>,
 }
 
@@ -317,18 +316,17 @@ pub(super) enum Told {
     Covariances,
 }
 
-/// A camera of which the last bearings are off: it was moved, or the way there was not as measured. Both are
-/// tried.
+/// Camera whose last bearings are wrong: it was moved, or a leg was not as measured. Both are tried.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Suspect<T> {
     pub camera: u16,
-    /// The first stop at which it is off.
+    /// First stop at which it is wrong.
     pub from: u16,
-    /// The leg that is left out to see whether that explains it, and its error as chi squared.
+    /// Leg that is left out for a test, and its error as chi squared.
     pub leg: Option<(u16, T)>,
 }
 
-/// The numbers of an estimator, whatever its capacities: the mathematics exists once for all of them.
+/// The numbers of an estimator. The mathematics exists once for all capacities.
 pub(super) struct Problem<'a, T: Real> {
     pub common: &'a mut Common<T>,
     pub stops: &'a mut [Stop<T>],
@@ -400,17 +398,17 @@ impl<T: Real> Unknown<T> {
         principal
     }
 
-    /// Makes the lens what it was said to be.
+    /// Sets the lens back to the told one.
     pub(super) fn trust_lens(&mut self) {
         let [_, _, _, lens, principal] = &mut self.value;
         (*lens, *principal) = (T::zero(), T::zero());
     }
 }
 
-/// A leg's, one of two rows.
+/// One of the two rows of a leg.
 pub(super) struct LegRow<T: Real> {
     pub residual: T,
-    /// By the later place; by the earlier it is the negative.
+    /// Derivative by the later place; that by the earlier one is its negative.
     pub by_place: Vector2<T>,
     pub by_carrier: Vector2<T>,
 }
@@ -434,7 +432,7 @@ impl<T: Real> Problem<'_, T> {
         let (sigma, value) = match axis {
             LENS => (lens?, of.lens()),
             PRINCIPAL => (principal?, of.principal()),
-            // On the x axis, where its place is one of the unknowns.
+            // It is on the x axis: its place is one of the unknowns.
             ACROSS if camera == 1 => {
                 let [_, y, ..] = of.value;
                 (self.common.baseline * lit(ON_AXIS), y)
@@ -445,7 +443,7 @@ impl<T: Real> Problem<'_, T> {
         Some((value * weight, weight))
     }
 
-    /// Returns true if a sight of a camera is in the equations, as far as its row does not decide that.
+    /// Returns true if a sighting is in the equations, apart from its row.
     pub(super) fn counts(&self, camera: usize, sight: &Sight<T>) -> bool {
         let is_left_out = { self.common.left_out }
             .is_some_and(|(of, from)| of == camera && usize::from(sight.stop) >= from);
@@ -461,7 +459,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// The next of a list of these, while the estimates may change.
+    /// Returns the next sighting of a list, while estimates may change.
     pub(super) fn next_own(&self, next: &mut u32) -> Option<(usize, Sight<T>)> {
         let n = usize::try_from(*next).ok()?;
         let sight = self.sights.get(n)?;
@@ -469,7 +467,7 @@ impl<T: Real> Problem<'_, T> {
         Some((n, *sight))
     }
 
-    /// Links the sights of each camera to a list.
+    /// Links the sightings of each camera to a list.
     pub(super) fn link(&mut self) {
         for camera in self.cameras.iter_mut() {
             camera.last = NONE;
@@ -496,7 +494,7 @@ impl<T: Real> Problem<'_, T> {
     /// Estimated pose of a camera.
     pub(super) fn camera(&self, camera: usize) -> Option<Vector3<T>> {
         let unknown = self.cameras.get(camera)?;
-        // References stand where the frame says, whatever their numbers hold.
+        // References stand where the frame says.
         let place = match camera {
             0 => Vector2::zeros(),
             1 if self.common.is_baseline_known => Vector2::new(self.common.baseline, T::zero()),
@@ -517,11 +515,10 @@ impl<T: Real> Problem<'_, T> {
         self.cameras.iter().any(of)
     }
 
-    /// Gives bearings since a move to the camera that the moved one became or, where there is none,
-    /// leaves them out.
+    /// Gives the bearings since a move to the successor of the moved camera. Without a successor they are left out.
     pub(super) fn sort_moved(&mut self) {
         for sight in self.sights.iter_mut() {
-            // No camera becomes one that was there before, so this ends.
+            // A successor is always a later camera, so this ends.
             while let Some(camera) = self.cameras.get(usize::from(sight.camera))
                 && camera.moved.is_some_and(|from| sight.stop >= from)
             {
@@ -535,8 +532,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Cameras that seemed to be moved near this stop, or anywhere, were not: their sightings are their own
-    /// again.
+    /// Gives cameras that seemed to be moved near this stop, or anywhere, their sightings back.
     pub(super) fn undo_moves(&mut self, near: Option<usize>) {
         for camera in 0..self.cameras.len() {
             let Some(unknown) = self.cameras.get_mut(camera) else {
@@ -647,8 +643,8 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// A bearing for those who do not estimate lenses, with its standard deviation. A heading takes in what the
-    /// principal column errs by, all but a little.
+    /// Bearing and standard deviation for callers that do not estimate lenses. The heading takes up nearly all of an
+    /// error of the principal column.
     pub(super) fn bearing_at(&self, sight: &Sight<T>) -> (T, T) {
         let (bearing, [by_lens, _]) = self.through_lens(sight);
         let Some(prior) = self.common.optics.lens else {
@@ -676,7 +672,7 @@ impl<T: Real> Problem<'_, T> {
         if !(range2 > T::zero()) {
             return None;
         }
-        // Where the target stood when this camera looked is a little beside where it stopped.
+        // The target stood a little beside the place of its stop when this camera looked.
         let (sigma, standing) = (sight.sigma, self.common.standing);
         if sight.quantity == Quantity::Range {
             if !self.common.is_baseline_known {
@@ -712,8 +708,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// A leg's two rows: the carrier's expected measurement of the way between the two places, less its
-    /// actual one, whitened. An excluded one still ties its ends together, but loosely.
+    /// The two rows of a leg: its expected measurement less the actual one, whitened. An excluded leg still ties its
+    /// ends together, but loosely.
     pub(super) fn leg_rows(&self, later: usize) -> Option<[LegRow<T>; 2]> {
         let weight = self.leg_weight(later)?;
         let rows = self.leg_rows_of(later)?;
@@ -724,7 +720,7 @@ impl<T: Real> Problem<'_, T> {
         }))
     }
 
-    /// One, or less for a leg that is excluded.
+    /// Factor of the rows: one, or less for an excluded leg.
     pub(super) fn leg_weight(&self, later: usize) -> Option<T> {
         let stop = self.stops.get(later)?;
         let [w11, _, w22] = stop.root;
@@ -737,7 +733,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The same as they were measured, excluded or not.
+    /// The two rows without that factor.
     pub(super) fn leg_rows_of(&self, later: usize) -> Option<[LegRow<T>; 2]> {
         let stop = self.stops.get(later)?;
         let before = self.stops.get(later.checked_sub(1)?)?;
@@ -764,7 +760,7 @@ impl<T: Real> Problem<'_, T> {
         Some([row(w11, T::zero()), row(w21, w22)])
     }
 
-    /// Where a visited mark lies from the place of a visit, over the visit's sigma.
+    /// Place of a mark from the place of a visit, over the sigma of the visit.
     pub(super) fn visit_rows(&self, visit: &Visit<T>) -> Option<(Vector2<T>, T)> {
         let mark = self.marks.get(usize::from(visit.mark))?;
         let place = self.stops.get(usize::from(visit.stop))?.place;

@@ -1,4 +1,4 @@
-//! Knowledge of a camera about its own pose (thesis 2.6.2).
+//! Pose of a camera from its own sightings (thesis 2.6.2).
 
 use calib_core::{
     Limits, Pose, Refusal, Sighting, angle,
@@ -20,20 +20,20 @@ use crate::{
     vision::Lens,
 };
 
-/// Sightings farther off than so many sigmas are left out, from five on. This checks that each one belongs to
-/// the others, where the [fit](calib_core::fit) checks that all remaining ones agree. Only in one of a
-/// thousand cameras, one of its 16 sightings is so far off by chance.
+/// Sigmas beyond which a sighting is left out, if there are five or more. This tests single sightings; the
+/// [fit](calib_core::fit) tests all that remain. By chance one of 16 sightings is so far off in one camera of a
+/// thousand.
 const GATE: f32 = 4.0;
 
-/// A camera as it should hang.
+/// A level camera.
 const LEVEL: Mounting<f32> = Mounting {
     pitch: 0.0,
     roll: 0.0,
 };
 
-/// Share of a radius by which the size of a blob errs besides its columns: light, and edges that are cut off.
+/// Relative error of the size of a blob besides its columns: light, and edges that are cut off.
 const SIZE_SHARE: f32 = 0.25;
-/// Sizes that contradict a pose, at least.
+/// Least number of sizes that can contradict a pose.
 const FEWEST_SIZES: usize = 3;
 
 /// Standard deviation of a direction that tells nothing, radians.
@@ -45,7 +45,7 @@ pub(super) struct Calibration {
     kept: Kept<KeptSighting, SIGHTINGS>,
     /// Pitch and roll by which directions are turned upright.
     mounting: Mounting<f32>,
-    /// Place of the camera when that was found.
+    /// Place of the camera for which that was found.
     stands: Point2<f32>,
 }
 
@@ -55,7 +55,7 @@ impl OfStop for KeptSighting {
     }
 }
 
-/// Result of the sightings.
+/// Result of a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
     pub(super) state: CameraState,
@@ -85,8 +85,8 @@ impl Calibration {
         self.kept.clear();
     }
 
-    /// Takes a sighting and returns its index. A stop counts once: told again, with a better place, it
-    /// replaces the former sighting. When the list is full and gives no pose, the oldest makes room.
+    /// Adds a sighting, and returns its index. A stop counts once: if it is told again with a better place, it replaces
+    /// the former sighting. A full list that gives no pose drops its oldest entry.
     pub(super) fn add(&mut self, sighting: KeptSighting) -> Option<usize> {
         let Some(place) = self.kept.find(sighting.key()) else {
             return self.kept.add(sighting);
@@ -95,14 +95,14 @@ impl Calibration {
         Some(place)
     }
 
-    /// Takes a sighting of a former run and tells its index.
+    /// Restores a sighting, and returns its index.
     pub(super) fn restore(&mut self, sighting: KeptSighting) -> Option<usize> {
         let place = self.add(sighting);
         self.kept.find_first();
         place
     }
 
-    /// One of the sightings that share their target and its last fix with the most others.
+    /// Returns one of the sightings that share target and last fix with the most others.
     fn common(&self) -> Option<&KeptSighting> {
         let shared = |one: &&KeptSighting| {
             let same = |other: &&KeptSighting| {
@@ -113,7 +113,7 @@ impl Calibration {
         self.kept.iter().max_by_key(shared)
     }
 
-    /// The pose from all sightings, through a lens that is known so well, judged by these limits.
+    /// Solves the pose from all sightings, and judges it by these limits. The lens is known so well.
     pub(super) fn solve(&mut self, limits: &Limits<f32>, lens_sigma: &LensSigma) -> Answer {
         self.mounting = LEVEL;
         match self.solution(limits, lens_sigma) {
@@ -161,7 +161,7 @@ impl Calibration {
         covariance += hung.map_or_else(Matrix3::zeros, |hung| hung.widening);
         let is_refused = hung.is_some_and(|hung| hung.is_refused());
         let parts = PoseParts::from(Pose { covariance, ..pose });
-        // Unbelievable numbers are not told.
+        // Unusable numbers are not reported.
         if !(parts.is_usable() && solution.chi_squared.is_finite()) {
             return Err(Refusal::Undetermined);
         }
@@ -203,7 +203,7 @@ impl Calibration {
                 count += 1;
             }
         }
-        // Squares of what radii differ from their mean, over its square.
+        // Squared differences of the radii from their mean, over its square.
         let fit = Fit {
             chi_squared: all * (all * second / (first * first) - 1.0),
             degrees_of_freedom: usize::saturating_sub(count, 1),
@@ -211,7 +211,7 @@ impl Calibration {
         count >= FEWEST_SIZES && fit.is_bad()
     }
 
-    /// The rows of the sightings that count.
+    /// Returns the rows of the sightings that count.
     // for less stack
     #[inline(never)]
     fn rows(&self, common: &KeptSighting, dropped: &[bool]) -> heapless::Vec<Row<f32>, SIGHTINGS> {
@@ -232,7 +232,7 @@ impl Calibration {
         rows
     }
 
-    /// By how much the pose moves where the lens's tangents are larger by this share, and by this much.
+    /// Returns the change of the pose if the tangents of the lens are larger by this share, and by this amount.
     // for less stack
     #[inline(never)]
     fn through(
@@ -253,7 +253,7 @@ impl Calibration {
         Ok(moved.push(angle::wrap_signed(other.heading - pose.heading)))
     }
 
-    /// The pose that fits the sightings best, and which of them it leaves out.
+    /// Returns the pose that fits best, and the sightings that it leaves out.
     // for less stack
     #[inline(never)]
     fn fitted(
@@ -263,8 +263,8 @@ impl Calibration {
     ) -> Result<Solution<f32>, Refusal> {
         let seen = self.seen(common);
         match resection::solve_rejecting(&seen, GATE, dropped) {
-            // No majority agrees: more likely the camera model or a sigma is wrong than half of the
-            // sightings. The residuals tell, and the covariance grows with them.
+            // No majority agrees. Then the lens or a sigma is wrong, rather than half of the sightings. The residuals
+            // show it, and the covariance grows with them.
             Err(Refusal::Inconsistent) => {
                 dropped.fill(false);
                 resection::solve(&seen)
@@ -273,8 +273,7 @@ impl Calibration {
         }
     }
 
-    /// The pose with another lens than the configured one, if the sightings contradict that one and fit
-    /// another.
+    /// Returns the pose with another lens, if the sightings contradict the configured lens and fit that one.
     // for less stack
     #[inline(never)]
     pub(super) fn with_other_lens(&self, lens: &Lens) -> Option<CameraState> {
@@ -310,7 +309,7 @@ impl Calibration {
     fn seen(&self, common: &KeptSighting) -> heapless::Vec<Sighting<f32>, SIGHTINGS> {
         let mut seen = heapless::Vec::new();
         for kept in self.kept.iter() {
-            // There are no more than that.
+            // The list has no more.
             let _ = seen.push(self.sighting(kept, common));
         }
         seen
@@ -348,7 +347,7 @@ impl Calibration {
         }
     }
 
-    /// The pose from all sightings, with the mounting that their rows tell.
+    /// Solves the pose from all sightings, with the mounting that their rows tell.
     // for less stack
     #[inline(never)]
     fn hung(
@@ -376,7 +375,7 @@ impl Calibration {
         }
     }
 
-    /// The same pose with the common errors of the stops' places.
+    /// Returns the pose with the common errors of the stops added to its covariance.
     // for less stack
     #[inline(never)]
     fn correlated(

@@ -20,20 +20,21 @@ use crate::{
     },
 };
 
-/// A stop of a target is told late if only later stops, up to so many, are known. Numbers farther back are
-/// those of a target that began anew.
+/// Greatest distance in numbers of a stop that is told late. Numbers farther back are those of a target that began
+/// anew.
 const LATE: StopNumber = 64;
 
-/// Mean bearing of targets that are aside, radians: a lens of another focal length turns a camera by its share of it.
+/// Typical bearing of a target aside of the axis, radians. An error of the focal length turns a camera by its share of
+/// this.
 const ASIDE: f32 = 0.3;
 
-/// Headings that are not known to this, radians, are no answer yet.
+/// Largest sigma of the headings of an answer, radians.
 const HEADING_LIMIT: f32 = 0.1;
 
 /// Stops that leave a degree of freedom, whatever is known.
 const ENOUGH: usize = 4;
 
-/// As many stops give an answer even where they contradict each other.
+/// Stops that give an answer even if they contradict each other.
 const LAST_RESORT: usize = 10;
 
 /// Known parts of the frame of the site before the reference solve.
@@ -41,15 +42,15 @@ const LAST_RESORT: usize = 10;
 pub(super) struct ReferenceFrame {
     /// Position of the first reference camera.
     first: [f32; 2],
-    /// The direction of the second from there, radians.
+    /// Direction of the second one from there, radians.
     direction: f32,
-    /// Its distance, if that is known.
+    /// Distance of the second one, if known.
     baseline: Option<f32>,
     /// Direction of the step sensor's x axis against the baseline, if known.
     sensor_heading: Option<f32>,
     /// Standard deviation of the pitch and roll of level cameras, radians.
     tilt: f32,
-    /// Variance of a heading by a lens that is not as it is told, square radians.
+    /// Variance of a heading because of errors of the lens, square radians.
     by_lens: f32,
 }
 
@@ -94,7 +95,7 @@ impl ReferenceFrame {
     }
 }
 
-/// Stops that both references saw, or one of them so far.
+/// Stops that both references saw, or only one so far.
 #[derive(Clone, Debug)]
 pub(super) struct ReferenceStops {
     stops: Kept<ReferenceStop, REFERENCE_STOPS>,
@@ -102,19 +103,19 @@ pub(super) struct ReferenceStops {
     mountings: [Mounting<f32>; 2],
 }
 
-/// Both as they should hang.
+/// Mountings as planned.
 const LEVEL: [Mounting<f32>; 2] = [Mounting {
     pitch: 0.0,
     roll: 0.0,
 }; 2];
 
-/// Reasons for no answer though the stops have a solution.
+/// Reasons why there is no answer although the stops have a solution.
 const DECIDED: [NotYet; 2] = [
     NotYet::Refused(Refusal::Inconsistent),
     NotYet::Refused(Refusal::Undetermined),
 ];
 
-/// Stops as the solve takes them, and what both saw there.
+/// Input of the solve: stops, and what both saw there.
 #[derive(Default)]
 struct WalkOfBoth {
     stops: heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
@@ -132,20 +133,20 @@ impl OfStop for ReferenceStop {
 /// Reason why there is no answer yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NotYet {
-    /// Fewer stops than wanted were seen by both.
+    /// Both saw too few stops.
     Waiting,
-    /// They give no answer.
+    /// The stops give no answer.
     Refused(Refusal),
 }
 
-/// Stops of a walk that decide.
+/// Stops of a walk that an attempt uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Attempt {
-    /// All of the walk.
+    /// All stops.
     All,
-    /// So many of the last, if that is not all.
+    /// The last ones, if these are not all.
     Last(usize),
-    /// All, though they contradict each other, if there are [`LAST_RESORT`].
+    /// All, although they contradict each other, if there are [`LAST_RESORT`] or more.
     LastResort,
 }
 
@@ -177,8 +178,8 @@ impl ReferenceStops {
         self.stops.len()
     }
 
-    /// Forgets the sightings of the other reference camera: it is another one now. Returns the number of
-    /// indices that may have changed: stops behind one that only the other saw move up.
+    /// Forgets the sightings of the other reference, since it is another camera now. Returns the number of entries that
+    /// may have moved up.
     pub(super) fn forget_other(&mut self) -> usize {
         if self.stops.iter().all(|kept| kept.other.is_none()) {
             return 0;
@@ -203,8 +204,7 @@ impl ReferenceStops {
         Some(index)
     }
 
-    /// The entry of a stop, to be completed, and its index. A stop told late is none any more when others
-    /// need the room.
+    /// Returns the entry of a stop, new if it is not known, and its index. A full list drops stops that are told late.
     fn entry(
         &mut self,
         target: MemberAddress,
@@ -233,7 +233,7 @@ impl ReferenceStops {
         ahead.peek().is_some() && ahead.all(|ahead| ahead <= LATE)
     }
 
-    /// This camera saw the target there. Returns the index of the changed entry.
+    /// Adds a sighting of this camera. Returns the index of the entry.
     pub(super) fn own(
         &mut self,
         target: MemberAddress,
@@ -247,7 +247,7 @@ impl ReferenceStops {
         Some(index)
     }
 
-    /// The other reference camera saw it.
+    /// Adds a sighting of the other reference.
     pub(super) fn other(
         &mut self,
         target: MemberAddress,
@@ -259,8 +259,8 @@ impl ReferenceStops {
         Some(index)
     }
 
-    /// The walk of which both saw most stops: there may be several targets. Its target, its last
-    /// stop, and in `of_both` those of its last ones that the attempt takes, as the solve takes them.
+    /// Finds the walk of which both saw most stops, since there may be several targets. Returns its target and its last
+    /// stop, and fills `of_both` with the stops that the attempt uses.
     // for less stack
     #[inline(never)]
     fn walk(
@@ -287,7 +287,7 @@ impl ReferenceStops {
             let has_room = seen.push((stop, place, rays)).is_ok();
             debug_assert!(has_room, "as many as there are stops");
         }
-        // A full list has room for no more of them than it has, where one camera alone saw the others.
+        // If one camera alone saw the other stops, a full list has room for no more.
         let wanted = if self.stops.is_full() {
             wanted.min(ENOUGH)
         } else {
@@ -300,7 +300,7 @@ impl ReferenceStops {
             Attempt::All => seen.len(),
             Attempt::Last(most) if most < seen.len() => most,
             Attempt::LastResort if seen.len() >= LAST_RESORT => seen.len(),
-            // The same again, or too early.
+            // The same stop again, or one that comes too early.
             _ => return Err(NotYet::Refused(Refusal::Inconsistent)),
         };
         // Their numbers may have begun again from zero.
@@ -343,7 +343,7 @@ impl ReferenceStops {
         Ok((walk.0, last))
     }
 
-    /// The answer of the walk of which both saw most stops.
+    /// Answer of the walk of which both saw most stops.
     ///
     /// An answer that its own residuals [contradict](Fit::is_bad) is none: the target was
     /// carried on between two stops, or a camera saw something else at one. Then the last stops
@@ -368,7 +368,7 @@ impl ReferenceStops {
                 over => return over,
             }
             if self.mountings == LEVEL && DECIDED.contains(&why) {
-                // Their rows agree with that.
+                // The rows agree with these mountings.
                 break;
             }
         }
@@ -378,7 +378,7 @@ impl ReferenceStops {
         }
         let few = wanted.max(frame.fewest_to_check());
         for attempt in [Attempt::Last(few), Attempt::LastResort] {
-            // People should hear of the contradiction.
+            // The contradiction is reported to people.
             let attempted = self.attempt(frame, wanted, attempt);
             if let Ok(Attempted {
                 answer: Ok(answer), ..
@@ -390,7 +390,7 @@ impl ReferenceStops {
         Err(why)
     }
 
-    /// The answer of all stops with mountings that agree with their rows, found from those that are believed so far.
+    /// Answer of all stops, with the mountings that agree with the rows. The search begins at the present mountings.
     fn settled(&mut self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
         let mut changes = [0.0; 2];
         for _ in 0..level::MOUNTING_ROUNDS {
@@ -402,7 +402,7 @@ impl ReferenceStops {
                 { self.mountings.iter_mut().zip(better) }.zip(&mut changes)
             {
                 let change = better.pitch - mounting.pitch;
-                // One that turns back would go beyond what is sought, and farther each time.
+                // A step back would overshoot, farther each time.
                 *mounting = if change * *before < 0.0 {
                     mounting.towards(&better)
                 } else {
@@ -458,18 +458,18 @@ impl ReferenceStops {
 /// Result of an attempt.
 struct Attempted {
     answer: Result<Answer, NotYet>,
-    /// Better mountings of both, if their rows tell any: even where the stops contradict the answer.
+    /// Better mountings of both, if the rows tell any, even if the stops contradict the answer.
     better: Option<[Mounting<f32>; 2]>,
 }
 
 /// Mounting of a reference, by its rows.
 #[derive(Clone, Copy, Default)]
 struct Hung {
-    /// As it was believed, to be told with the answer.
+    /// Mounting of this attempt, which is told with the answer.
     mount: Option<Mount>,
-    /// The rows contradict it.
+    /// True if the rows contradict it.
     is_refused: bool,
-    /// As it is to be believed next.
+    /// Mounting of the next attempt.
     mounting: Mounting<f32>,
     is_better: bool,
     /// Variance of its heading by its mounting.
@@ -478,7 +478,7 @@ struct Hung {
     shifted: f32,
 }
 
-/// The mounting of a reference by its rows, where this one is believed.
+/// Mounting of a reference by its rows, close to this one.
 #[inline(never)] // once, for less flash
 fn hung(
     (pose, rows): (&Pose<f32>, &[Row<f32>]),
@@ -501,7 +501,7 @@ fn hung(
 }
 
 impl WalkOfBoth {
-    /// The mountings of both, where these are believed.
+    /// Mountings of both by their rows, close to these.
     // for less stack
     #[inline(never)]
     fn hung(
@@ -562,7 +562,7 @@ fn widened(seen: &Seen, mounting: Mounting<f32>) -> f32 {
     root(1.0 + by_row * by_row)
 }
 
-/// Direction that a camera with this mounting sees, as a level one would. Without its row it stays as it is.
+/// Direction in which a level camera would see what a camera of this mounting sees. Without a row it stays the same.
 fn upright(seen: &Seen, mounting: Mounting<f32>) -> Ray<f32> {
     let Some(elevation) = seen.elevation.radians().filter(|_| !mounting.is_level()) else {
         return seen.ray();
@@ -574,8 +574,8 @@ fn upright(seen: &Seen, mounting: Mounting<f32>) -> Ray<f32> {
     }
 }
 
-/// The one answer of these stops, as uncertain as they and the mountings of both are. They may contradict each other
-/// in the last resort.
+/// The single answer of these stops, with the uncertainty of the stops and of the mountings. In the last resort the
+/// stops may contradict each other.
 fn decided<'a>(
     outcome: &'a mut ReferenceOutcome<f32>,
     frame: &ReferenceFrame,
@@ -603,7 +603,7 @@ fn decided<'a>(
     Ok(best)
 }
 
-/// Both poses, and where the target stood at the last stop.
+/// Both poses, and the place of the target at the last stop.
 // for less stack
 #[inline(never)]
 fn in_frame_of_site(
@@ -654,7 +654,7 @@ mod tests {
         stops.iter().map(OfStop::key).collect()
     }
 
-    /// The second camera was away, and tells all its sightings. None of them is of use any more.
+    /// The second camera was away, and sends all its sightings: none of them counts any more.
     #[test]
     fn what_is_told_late_takes_no_room() {
         let mut stops = ReferenceStops::new();

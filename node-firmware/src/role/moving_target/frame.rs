@@ -1,4 +1,4 @@
-//! The two cameras between which everything is estimated, and their places in the frame of the site.
+//! Frame of the estimate: two cameras, and their places in the frame of the site.
 
 use calib_core::{
     Pose, angle,
@@ -13,12 +13,12 @@ use crate::{
     message::{MemberAddress, StopNumber},
 };
 
-/// The distance of two cameras is a frame's baseline if it is known to this share of it.
+/// Largest relative error of a baseline.
 const BASELINE_SHARE: f32 = 0.05;
-/// It was given, not measured, if it is known to this share.
+/// Largest relative error of a baseline that was given, not measured.
 const EXACT_SHARE: f32 = 1e-3;
-/// The carrier's steps contradict the baseline beyond so many standard deviations of both. From twice as many on one of
-/// them is taken to be as wrong as they are apart.
+/// Standard deviations beyond which the carrier's steps contradict the baseline. From twice as many on, the baseline is
+/// as unsure as both are apart.
 const APART: f32 = 2.0;
 
 /// State that a target brings along from another network: its place at a first stop here, the direction of
@@ -61,7 +61,7 @@ impl Arrival {
     }
 }
 
-/// Place of the frame of the estimator in that of the site. Its unit is the baseline as it is said to be.
+/// Place of the estimator's frame in the frame of the site. Its unit is the told baseline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frame {
     pub(super) references: [MemberAddress; 2],
@@ -82,14 +82,14 @@ pub(super) struct Frame {
     hung: [f32; 2],
 }
 
-/// Errors of the way into the frame of the site.
+/// Errors of the place of the frame in that of the site.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Errors {
-    /// Two cameras stand where they believe to within these, each by itself. Zero if that was given.
+    /// Sigmas of the places of both cameras. Zero for a given place.
     References([f32; 2]),
-    /// The references say what the frame is, and their distance is one of the unknowns.
+    /// The references define the frame, and their distance is one of the unknowns.
     None,
-    /// A target told the place of one stop, the direction of its steps, and their length.
+    /// A target brought the frame along: the place of one stop, the direction of its steps, and their scale.
     Arrival {
         /// That stop, in the frame of the site.
         stop: Point2<f32>,
@@ -100,7 +100,7 @@ enum Errors {
     },
 }
 
-/// Standard deviation of the place of a camera, but for the error of all places of a target's arrival.
+/// Standard deviation of the place of a camera, without the common error of an arrival.
 #[inline(never)] // once, for less flash
 fn own_sigma(pose: &Pose<f32>, arrival: Option<&Arrival>) -> f32 {
     let all = pose.sigma_position();
@@ -109,8 +109,9 @@ fn own_sigma(pose: &Pose<f32>, arrival: Option<&Arrival>) -> f32 {
 }
 
 impl Frame {
-    /// `None` where the distance of both is hardly known, and they are not references of a site whose frame they
-    /// are: then it is one of the unknowns. Their common error from the arrival of the target does not count.
+    /// Frame between two cameras. `None` if their distance is hardly known, unless they are references that define the
+    /// frame of the site: then the distance is one of the unknowns. Their common error from the arrival of the target
+    /// does not count.
     pub(super) fn between(
         references: [(MemberAddress, Pose<f32>); 2],
         arrival: Option<&Arrival>,
@@ -120,7 +121,7 @@ impl Frame {
         let baseline = root(between.norm_squared());
         let sigmas = [own_sigma(&from, arrival), own_sigma(&to, arrival)];
         let sum = sigmas.iter().sum::<f32>();
-        // The origin, and a place that is not known along the x axis alone.
+        // The origin, and a place that is unknown along the x axis only.
         let is_frame = matches!(sigmas, [0.0, _]) && to.covariance.m22 == 0.0;
         let is_estimated = is_frame && arrival.is_none() && sum > baseline * EXACT_SHARE;
         let is_known = baseline > 0.0 && (is_estimated || sum <= baseline * BASELINE_SHARE);
@@ -142,9 +143,8 @@ impl Frame {
         })
     }
 
-    /// The same frame, of which the references' places were measured to within these, and steps to within a share. A
-    /// target that brings its own frame along does not rely on them, and places that were estimated have their sigmas
-    /// already.
+    /// The same frame, with the sigmas of the surveyed places and of the scale of the steps. These do not count if a
+    /// target brought its frame along, or if places were estimated: then their sigmas are known.
     pub(super) fn surveyed(self, survey: &SurveySigma, steps: f32) -> Self {
         let survey = if self.is_given() {
             *survey
@@ -158,8 +158,8 @@ impl Frame {
         }
     }
 
-    /// The same frame, less certain where steps contradict a baseline that a person measured: it is not known which of
-    /// both is wrong. `scale` is the ratio of the step sensor's reading to the true length, by the baseline.
+    /// The same frame, less sure if the steps contradict a measured baseline: one of both is wrong. `scale` is the
+    /// estimated ratio of the step sensor's reading to the true length.
     pub(super) fn tested_by(mut self, scale: f32) -> Self {
         let off = scale - 1.0;
         let baseline = &mut self.survey.baseline;
@@ -178,13 +178,13 @@ impl Frame {
         self.is_contradicted
     }
 
-    /// The same frame, whose references seem to stand elsewhere by pitches that are not known exactly: variances.
+    /// The same frame, with the variances of the references' places because of their pitch.
     pub(super) fn hung(self, hung: [f32; 2]) -> Self {
         Self { hung, ..self }
     }
 
-    /// The same cameras, and the frame of the site where the target says that it is: at its stop of arrival
-    /// it was there, and its steps lead in the same direction and as far as they did before.
+    /// The same cameras in the frame that the target brought along: the place of its stop of arrival, and the direction
+    /// and the scale of its steps, stay the same.
     pub(super) fn arrived(
         self,
         arrival: &Arrival,
@@ -230,17 +230,17 @@ impl Frame {
         }
     }
 
-    /// Returns true if the places of both were given: no frame is better.
+    /// Returns true if both places were given. No frame is better.
     pub(super) fn is_given(&self) -> bool {
         self.errors == Errors::References([0.0; 2])
     }
 
-    /// Returns true if the distance of both was given, or is one of the unknowns.
+    /// Returns true if the distance was given, or is one of the unknowns.
     pub(super) fn is_exact(&self) -> bool {
         self.share() <= EXACT_SHARE || self.errors == Errors::None
     }
 
-    /// Returns true if the distance of both is known.
+    /// Returns true if the distance is known.
     pub(super) fn is_baseline_known(&self) -> bool {
         self.errors != Errors::None
     }
@@ -295,7 +295,7 @@ impl Frame {
                 let [a, b] = self.place_variances(sigmas);
                 let from_first = along.norm_squared();
                 let from_second = (along - Vector2::x()).norm_squared();
-                // A tape that is too long or too short stretches everything.
+                // An error of the baseline stretches everything.
                 let stretched = self.turn() * position.coords * self.survey.baseline;
                 Matrix2::from_diagonal_element(from_second * a + from_first * b)
                     + stretched * stretched.transpose()
@@ -316,7 +316,8 @@ impl Frame {
         }
     }
 
-    /// The same of directions: a variance. References that move turn everything by `db - da` across the baseline.
+    /// Variance of directions. If the references move by `da` and `db`, everything turns by `db - da` across the
+    /// baseline.
     pub(super) fn turned(&self) -> f32 {
         match self.errors {
             Errors::References(sigmas) => {
