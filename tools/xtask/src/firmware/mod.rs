@@ -77,8 +77,8 @@ const AUDITED: [Audited; 2] = [
         // no worse: lower them when the image shrinks. 5.3 KB are the Pixy2's, which any node may have, 2.4 KB are
         // for bringing a target to another network and for the line of its stops, 2 KB for the judging of colours,
         // 17 KB for the tracking of objects, 12 KB for cameras that are not level, 2.5 KB for
-        // sleep, 1.7 KB for an estimate in slices, 2 KB for the distortion of lenses, 0.7 KB for doubts about the frame; the chip has
-        // 1 MB. Of the RAM 82 KB are the equations of the stops
+        // sleep, 1.7 KB for an estimate in slices, 2 KB for the distortion of lenses, 0.7 KB for doubts about the frame;
+        // the chip has 1 MB. Of the RAM 82 KB are the equations of the stops
         // that a target estimates together.
         budget: Budget {
             flash: 311 << 10,
