@@ -103,7 +103,6 @@ impl<T: Real> Problem<'_, T> {
         unknown.turn(pose.heading);
         unknown.takes_part = true;
         unknown.is_new = true;
-        self.find_all_unmeasured();
         true
     }
 
@@ -147,6 +146,7 @@ impl<T: Real> Problem<'_, T> {
         self.own(camera)
             .map(|(_, sight)| sight)
             .filter(|sight| sight.is_bearing() && sight.standing == Standing::Counts)
+            .filter(|sight| self.placed(sight.stop).is_some())
     }
 
     pub(super) fn is_in_front(&self, camera: usize) -> bool {
@@ -222,9 +222,9 @@ impl<T: Real> Problem<'_, T> {
 
     /// A bearing at the estimated place of its stop.
     fn own_sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
-        let stop = self.stops.get(usize::from(sight.stop))?;
+        let place = self.placed(sight.stop)?;
         let (bearing, sigma) = self.bearing_at(sight);
-        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
+        let mut sighting = Sighting::new(place, Ray::from_bearing(bearing), sigma);
         let standing = self.common.standing;
         sighting.target_covariance = Matrix2::from_diagonal_element(standing * standing);
         Some(sighting)
@@ -237,7 +237,8 @@ impl<T: Real> Problem<'_, T> {
         let stop = self.stops.get(usize::from(sight.stop))?;
         let [w11, w21, w22] = stop.root;
         let (bearing, sigma) = self.bearing_at(sight);
-        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
+        let mut sighting =
+            Sighting::new(self.placed(sight.stop)?, Ray::from_bearing(bearing), sigma);
         let of_leg = Matrix2::new(w11 * w11 + w21 * w21, w21 * w22, w21 * w22, w22 * w22);
         let of_others = self.told_by_others(sight);
         let [by_leg, by_others] = [of_leg, of_others].map(|of| of.determinant());

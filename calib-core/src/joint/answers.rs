@@ -273,7 +273,7 @@ impl<T: Real> Problem<'_, T> {
             .take(self.marks.len())
             .filter(|mark| is_visited(*mark));
         let marks = marks.count();
-        let unknowns = 2 * (self.stops.len() + marks)
+        let unknowns = 2 * (self.stops.len() - self.parts_without_place() + marks)
             + 3 * cameras
             + 2
             + usize::from(!self.common.is_baseline_known);

@@ -82,6 +82,7 @@ enum Doing<T> {
 impl<T: Real> Problem<'_, T> {
     /// Lets in all cameras with four bearings or more, and settles; then those with three.
     pub(super) fn begin_settling(&mut self) -> Settling<T> {
+        self.place_parts();
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;
         }
@@ -195,6 +196,7 @@ impl<T: Real> Problem<'_, T> {
         for camera in self.cameras.iter_mut() {
             camera.is_new = false;
         }
+        settling.changed |= self.place_parts();
         if settling.changed {
             return self.next_round(settling);
         }

@@ -603,9 +603,11 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.place(stop)
     }
 
-    /// Position of a stop as last estimated. `None` for a stop there is not.
+    /// Position of a stop as last estimated. `None` for a stop there is not, and for one after a leg that was not measured
+    /// if nothing else tells where it is.
     pub fn position(&self, stop: usize) -> Option<Point2<T>> {
-        self.stops.all().get(stop).map(|stop| stop.place)
+        let stop = self.stops.all().get(stop)?;
+        stop.is_placed.then_some(stop.place)
     }
 
     /// Position of a camera that hangs upside down and would have the same bearings, from four on: they fit it as well as
@@ -792,8 +794,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         problem.link();
         if problem.common.is_started {
             for stop in stops..problem.stops.len() {
-                problem.reckon_on(stop);
-                problem.find_unmeasured(stop);
+                problem.place_new(stop);
             }
             for visit in problem.visits.iter().skip(visits) {
                 problem.find_mark(usize::from(visit.mark));

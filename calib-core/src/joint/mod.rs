@@ -138,6 +138,7 @@ mod estimator;
 mod integrity;
 mod keeping;
 mod kept;
+mod placing;
 mod problem;
 mod residuals;
 mod round;

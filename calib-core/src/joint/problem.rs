@@ -63,6 +63,8 @@ pub struct Stop<T: Real> {
     /// True if no measurement determines its place, or if no other one checks the leg.
     pub(super) is_undetermined: bool,
     pub(super) is_leg_undetermined: bool,
+    /// True if its place is one from which passes may begin. Before that its sightings do not count.
+    pub(super) is_placed: bool,
 }
 
 /// A camera's measurement of the target: a bearing, or a range.
@@ -163,6 +165,7 @@ impl<T: Real> Default for Stop<T> {
             leverage: [zero; 3],
             is_undetermined: false,
             is_leg_undetermined: false,
+            is_placed: false,
         }
     }
 }
@@ -509,6 +512,12 @@ impl<T: Real> Problem<'_, T> {
         camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.takes_part)
     }
 
+    /// Estimated place of a stop, if it has one.
+    pub(super) fn placed(&self, stop: u16) -> Option<Point2<T>> {
+        let stop = self.stops.get(usize::from(stop))?;
+        stop.is_placed.then_some(stop.place)
+    }
+
     /// Returns true if a camera is the successor of one that was moved.
     pub(super) fn is_successor(&self, camera: usize) -> bool {
         let of = |other: &Unknown<T>| other.successor.map(usize::from) == Some(camera);
@@ -618,12 +627,13 @@ impl<T: Real> Problem<'_, T> {
             .filter(|(_, sight)| sight.standing == Standing::Counts && sight.is_bearing());
         let mut count = 0;
         for (_, sight) in counting {
-            let stop = self.stops.get(usize::from(sight.stop));
-            if let (Some(stop), Some(elevation), Some(row)) =
-                (stop, sight.elevation.radians(), rows.get_mut(count))
-            {
+            if let (Some(target), Some(elevation), Some(row)) = (
+                self.placed(sight.stop),
+                sight.elevation.radians(),
+                rows.get_mut(count),
+            ) {
                 *row = Row {
-                    target: stop.place,
+                    target,
                     target_variance: standing * standing,
                     bearing: sight.value,
                     elevation,
@@ -657,8 +667,8 @@ impl<T: Real> Problem<'_, T> {
         )
     }
 
-    /// A bearing's or a range's row; `None` if its camera is not estimated or the target is right on it, and for a
-    /// range where no length is known.
+    /// A bearing's or a range's row; `None` if its camera is not estimated, its stop is not placed or the target is right
+    /// on the camera, and for a range where no length is known.
     pub(super) fn sight_row(&self, sight: &Sight<T>) -> Option<SightRow<T>> {
         let camera = usize::from(sight.camera);
         let [first, last] = self.common.window;
@@ -666,7 +676,7 @@ impl<T: Real> Problem<'_, T> {
             return None;
         }
         let pose = self.camera(camera)?;
-        let place = self.stops.get(usize::from(sight.stop))?.place;
+        let place = self.placed(sight.stop)?;
         let to_target = place.coords - pose.xy();
         let range2 = dot(to_target, to_target);
         if !(range2 > T::zero()) {

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     Ray, Real, Refusal, angle,
     fit::{Fit, one_in_a_thousand},
-    numerics::plane::{self, quarter_turn},
+    numerics::plane::quarter_turn,
     numerics::real::lit,
     reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
@@ -169,7 +169,6 @@ impl<T: Real> Problem<'_, T> {
         for mark in 0..self.marks.len() {
             self.find_mark(mark);
         }
-        self.find_all_unmeasured();
     }
 
     fn step_trial(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
@@ -276,7 +275,7 @@ impl<T: Real> Problem<'_, T> {
         if let Some(second) = self.cameras.get_mut(1) {
             second.put(Vector2::new(start.baseline, T::zero()));
         }
-        self.reckon(start.stop, start.place);
+        self.place_from(start.stop, start.place);
         *descent = Descent::new();
     }
 
@@ -305,82 +304,6 @@ impl<T: Real> Problem<'_, T> {
         let begins = common.next() == Some(first);
         let last = common.nth(WINDOW - 2).filter(|_| begins)?;
         Some([u16::try_from(first).ok()?, u16::try_from(last).ok()?])
-    }
-
-    /// Places all stops by dead reckoning from one of them.
-    fn reckon(&mut self, from: usize, place: Point2<T>) {
-        let mut at = place;
-        for stop in from..self.stops.len() {
-            if stop > from {
-                at += self.way_to(stop);
-            }
-            self.put(stop, at);
-        }
-        at = place;
-        for stop in (0..from).rev() {
-            at -= self.way_to(stop + 1);
-            self.put(stop, at);
-        }
-    }
-
-    /// The place of a new stop, by dead reckoning from the one before.
-    pub(super) fn reckon_on(&mut self, stop: usize) {
-        let before = stop
-            .checked_sub(1)
-            .and_then(|before| self.stops.get(before));
-        if let Some(place) = before.map(|before| before.place) {
-            let at = place + self.way_to(stop);
-            self.put(stop, at);
-        }
-    }
-
-    /// Places that ranges tell.
-    pub(super) fn find_all_unmeasured(&mut self) {
-        for stop in 0..self.stops.len() {
-            self.find_unmeasured(stop);
-        }
-    }
-
-    /// Place of a stop from bearing and range of one camera, if its leg was not measured.
-    pub(super) fn find_unmeasured(&mut self, stop: usize) {
-        let is_measured = |stop: &super::problem::Stop<T>| stop.root != [T::zero(); 3];
-        if self.stops.get(stop).is_none_or(is_measured) {
-            return;
-        }
-        let by_range = |range: &Sight<T>| {
-            let camera = usize::from(range.camera);
-            let is_range = !range.is_bearing() && usize::from(range.stop) == stop;
-            if !is_range || !self.is_estimated(camera) {
-                return None;
-            }
-            let pose = self.camera(camera)?;
-            let (bearing, _) = self.seen_by(stop, camera)?;
-            let range = range.value * self.along_floor(range)?;
-            Some(pose.xy() + plane::unit(pose.z + bearing) * range)
-        };
-        if let Some(place) = self.sights.iter().find_map(by_range) {
-            self.put(stop, place.into());
-        }
-    }
-
-    /// Puts a mark where it was visited first.
-    pub(super) fn find_mark(&mut self, mark: usize) {
-        let visit = { self.visits.iter() }.find(|visit| usize::from(visit.mark) == mark);
-        let stop = visit.and_then(|visit| self.stops.get(usize::from(visit.stop)));
-        if let (Some(stop), Some(mark)) = (stop, self.marks.get_mut(mark)) {
-            mark.put(stop.place.coords);
-        }
-    }
-
-    fn way_to(&self, stop: usize) -> Vector2<T> {
-        let stop = self.stops.get(stop);
-        stop.map_or_else(Vector2::zeros, |stop| self.true_way(stop.displacement))
-    }
-
-    fn put(&mut self, stop: usize, place: Point2<T>) {
-        if let Some(stop) = self.stops.get_mut(stop) {
-            stop.place = place;
-        }
     }
 
     /// Proposals of the reference solve: its best answer, and another one that fits as well.

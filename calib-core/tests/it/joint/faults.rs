@@ -5,12 +5,13 @@ use calib_core::{
     angle::wrap_signed,
     joint::{Finding, JointError, Progress, Round, Standing},
 };
+use nalgebra::Point2;
 use test_support::{
     Random, generator,
     walk::{CarrierErrors, Walk},
 };
 
-use crate::joint::support::{CAMERAS, Joint, add, filled};
+use crate::joint::support::{CAMERAS, Joint, add, filled, filled_without_leg};
 
 const LIMITS: Limits<f64> = Limits {
     position: 0.5,
@@ -370,6 +371,50 @@ fn ends(joint: &mut Joint<f32>) -> bool {
             Err(_) => return false,
         }
     }
+}
+
+/// A leg that was not measured cuts a walk in two, and the references do not see the second part. Both are placed all the
+/// same, and all poses are right.
+#[test]
+fn a_walk_in_two_parts_has_a_start() {
+    let (mut tried, mut placed, mut poses, mut off) = (0, 0, [0, 0], 0);
+    for seed in 0..24 {
+        for lost in (6..24).step_by(3) {
+            tried += 1;
+            let mut walk = walk(seed);
+            walk.bearings
+                .retain(|seen| seen.stop < lost || seen.camera >= 2);
+            let mut joint = filled_without_leg::<f32>(&walk, LIMITS, lost);
+            if !ends(&mut joint) {
+                continue;
+            }
+            let last = walk.places.len() - 1;
+            if let Ok(place) = joint.place(last) {
+                placed += 1;
+                let error = (place.position.map(f64::from) - walk.places[last]).norm();
+                off += usize::from(error > 5.0 * f64::from(place.sigma()));
+            }
+            poses[0] += right_poses(&mut joint, &walk, &mut off);
+            let mut whole = filled::<f32>(&walk, LIMITS);
+            assert!(ends(&mut whole), "{seed}, {lost}");
+            poses[1] += right_poses(&mut whole, &walk, &mut off);
+        }
+    }
+    assert_eq!(off, 0);
+    assert!(placed >= tried - 2, "{placed} of {tried}");
+    assert!(10 * poses[0] >= 9 * poses[1], "{poses:?}");
+}
+
+/// Number of cameras with a pose; adds those that err by more than 5 sigmas.
+fn right_poses(joint: &mut Joint<f32>, walk: &Walk, off: &mut usize) -> usize {
+    let found = (2..walk.cameras.len()).filter_map(|camera| {
+        let pose = joint.pose(camera).ok()?;
+        let truth = &walk.cameras[camera];
+        let error = pose.position.map(f64::from) - Point2::new(truth.x, truth.y);
+        *off += usize::from(error.norm() > 5.0 * f64::from(pose.sigma_position()));
+        Some(())
+    });
+    found.count()
 }
 
 /// Legs that claim a fortieth of their errors have a start all the same. Their noise is told as far larger than they claim,

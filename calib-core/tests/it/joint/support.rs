@@ -63,8 +63,30 @@ pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
 pub(crate) fn filled_with<T: Real>(
     walk: &Walk,
     limits: Limits<f64>,
-    [told, right]: [f64; 2],
+    baselines: [f64; 2],
 ) -> Joint<T> {
+    let mut joint = empty(walk, limits, baselines);
+    for stop in 0..walk.places.len() {
+        add(&mut joint, walk, stop);
+    }
+    joint
+}
+
+/// The same without the way to one stop: it was not measured.
+pub(crate) fn filled_without_leg<T: Real>(
+    walk: &Walk,
+    limits: Limits<f64>,
+    lost: usize,
+) -> Joint<T> {
+    let mut joint = empty(walk, limits, [walk.cameras[1].x; 2]);
+    for stop in 0..walk.places.len() {
+        add_after(&mut joint, walk, stop, stop > 0 && stop != lost);
+    }
+    joint
+}
+
+/// An estimator that has no measurement of a walk.
+fn empty<T: Real>(walk: &Walk, limits: Limits<f64>, [told, right]: [f64; 2]) -> Joint<T> {
     let mut settings = JointSettings::default();
     settings.scale = Prior {
         mean: T::one(),
@@ -83,16 +105,16 @@ pub(crate) fn filled_with<T: Real>(
         position: number(limits.position),
         heading: number(limits.heading),
     };
-    let mut joint = Joint::new(memory(CAMERAS, 64, 800, MARKS), number(told), settings).unwrap();
-    for stop in 0..walk.places.len() {
-        add(&mut joint, walk, stop);
-    }
-    joint
+    Joint::new(memory(CAMERAS, 64, 800, MARKS), number(told), settings).unwrap()
 }
 
 /// One stop with its bearings and visits.
 pub(crate) fn add<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize) {
-    let leg = (stop > 0).then(|| {
+    add_after(joint, walk, stop, stop > 0);
+}
+
+fn add_after<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize, is_leg_measured: bool) {
+    let leg = is_leg_measured.then(|| {
         let leg = &walk.legs[stop - 1];
         Leg {
             displacement: leg.displacement.map(number),

@@ -93,6 +93,10 @@ const RESTLESS: f32 = 3.0;
 /// Further bearings after which a pose is doubtful if the camera has no pose with them.
 const CONTRADICTING: usize = 2;
 
+/// Stops in a row without a result after which poses are no longer sure: something contradicts the rest that no search
+/// finds.
+const UNSOLVED: u8 = 5;
+
 /// Some of the cameras.
 type CameraSet = DirtySet<{ CAMERAS.div_ceil(u32::BITS as usize) }>;
 
@@ -194,6 +198,8 @@ pub(super) struct Estimate<'m> {
     /// True if something was measured since the last solve.
     pub(super) is_new: bool,
     sizes: Sizes,
+    /// Stops in a row without a result, and the last of them.
+    unsolved: (u8, Option<StopNumber>),
 }
 
 impl<'m> Estimate<'m> {
@@ -226,6 +232,7 @@ impl<'m> Estimate<'m> {
             sensor: None,
             is_new: false,
             sizes: Sizes::default(),
+            unsolved: (0, None),
         })
     }
 
@@ -559,7 +566,16 @@ impl<'m> Estimate<'m> {
                 self.on_found(&finding);
                 None
             }
-            Ok(Progress::Over(solution)) => Some(self.answers(&solution, table)),
+            Ok(Progress::Over(solution)) => {
+                let answers = self.answers(&solution, table);
+                let last = self.estimator.stops().checked_sub(1);
+                if last.is_some_and(|last| self.estimator.place(last).is_ok()) {
+                    self.unsolved = (0, None);
+                } else {
+                    self.on_unsolved(table);
+                }
+                Some(answers)
+            }
             Err(error) => {
                 if let (JointError::Start(why), Some(frame)) = (error, self.frame)
                     && why != Refusal::TooFew
@@ -572,6 +588,9 @@ impl<'m> Estimate<'m> {
                     }
                 }
                 debug!("nothing that was measured can be estimated together");
+                if !matches!(error, JointError::Start(Refusal::TooFew)) {
+                    self.on_unsolved(table);
+                }
                 Some(None)
             }
         }
@@ -638,6 +657,45 @@ impl<'m> Estimate<'m> {
         }
     }
 
+    /// Nothing fits the measurements at this stop, or nothing tells where it is. After several such stops in a row the poses
+    /// are weak of all cameras that saw the target meanwhile: these sightings did not confirm them.
+    // for less stack
+    #[inline(never)]
+    fn on_unsolved(&mut self, table: &Table) {
+        let last = self.estimator.stops().checked_sub(1);
+        let stop = last.and_then(|last| self.stop_number(last));
+        let (count, before) = &mut self.unsolved;
+        if *before != stop {
+            *before = stop;
+            *count = count.saturating_add(1);
+        }
+        if *count < UNSOLVED {
+            return;
+        }
+        for (n, camera) in self.cameras.iter().enumerate() {
+            let [came, _] = self.estimator.bearings_of(n);
+            let Some(told) = self.told.get_mut(n).filter(|_| !camera.is_successor) else {
+                continue;
+            };
+            let is_unconfirmed = |report: &Report| {
+                report.joint.is_some_and(|level| !level.is_none())
+                    && report.status() != Status::Doubtful
+                    && came >= usize::from(report.sightings) + CONTRADICTING
+            };
+            let entry = table.iter().find(|entry| entry.address == camera.address);
+            let held = told.or_else(|| entry?.report).filter(is_unconfirmed);
+            if let Some((report, pose)) = held.and_then(|held| Some((held, *held.pose()?))) {
+                *told = Some(Report {
+                    duty: None,
+                    joint: Some(ProtectionLevel::NONE),
+                    state: CameraState::Weak(pose),
+                    ..report
+                });
+                self.news.mark(n);
+            }
+        }
+    }
+
     /// Place of the target, and the reports for cameras.
     // for less stack
     #[inline(never)]
@@ -682,8 +740,6 @@ impl<'m> Estimate<'m> {
         let doubts = [is_frame_doubtful, is_frame_refused];
         let radii = self.radii(inflation);
         let again = core::mem::take(&mut self.again);
-        let last = self.estimator.stops().checked_sub(1)?;
-        let place = self.estimator.place(last).ok()?;
         for camera in 0..self.cameras.len() {
             let Some(mut report) = self.report(camera, &frame, solution, doubts) else {
                 if is_believed {
@@ -730,6 +786,8 @@ impl<'m> Estimate<'m> {
         if !is_believed {
             return None;
         }
+        let last = self.estimator.stops().checked_sub(1)?;
+        let place = self.estimator.place(last).ok()?;
         let sigmas = carrier.covariance * inflation;
         let (frame_heading, scale) = match &self.arrival {
             // The state that the target brought along is better than anything here.
@@ -988,6 +1046,7 @@ impl<'m> Estimate<'m> {
         self.failed.clear();
         self.is_new = false;
         self.sizes.clear();
+        self.unsolved = (0, None);
     }
 }
 
