@@ -7,7 +7,7 @@
 
 use core::ops::Range;
 
-use nalgebra::{Matrix2, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::problem::{Problem, Sight, Stop};
 use crate::{
@@ -28,7 +28,9 @@ impl<T: Real> Problem<'_, T> {
             stop.is_placed = false;
         }
         let part = self.part(from);
-        self.reckon(part, from, place);
+        self.reckon(&part);
+        let walked = self.stops.get(from).map(|stop| stop.place);
+        self.shift(&part, place - walked.unwrap_or(place));
         self.place_parts();
     }
 
@@ -36,12 +38,14 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn place_new(&mut self, stop: usize) {
         let before = { stop.checked_sub(1) }.and_then(|before| self.stops.get(before));
         let before = before.filter(|before| before.is_placed && self.is_measured(stop));
-        if let Some(place) = before.map(|before| before.place) {
-            self.put(stop, place + self.way_to(stop));
+        let place = before.map(|before| before.place + self.way_to(stop));
+        if let (Some(place), Some(stop)) = (place, self.stops.get_mut(stop)) {
+            (stop.place, stop.is_placed) = (place, true);
         }
     }
 
     /// Places parts that are not placed yet, where something ties them. Returns true if there was one.
+    #[inline(never)] // for less flash
     pub(super) fn place_parts(&mut self) -> bool {
         let mut is_changed = false;
         let is_waiting = |stop: &Stop<T>| !stop.is_placed;
@@ -49,8 +53,9 @@ impl<T: Real> Problem<'_, T> {
         while let Some(next) = { self.stops.iter().skip(from) }.position(is_waiting) {
             let part = self.part(from + next);
             from = part.end;
-            if let Some((stop, place)) = self.tie(part.clone()) {
-                self.reckon(part, stop, place);
+            self.reckon(&part);
+            if let Some(way) = self.tie(&part) {
+                self.shift(&part, way);
                 is_changed = true;
             }
         }
@@ -59,10 +64,8 @@ impl<T: Real> Problem<'_, T> {
 
     /// Number of parts that are not placed.
     pub(super) fn parts_without_place(&self) -> usize {
-        let is_first = |stop: &usize| !self.is_measured(*stop);
-        let stops = (0_u16..).zip(0..self.stops.len());
-        let waiting =
-            stops.filter(|(number, stop)| is_first(stop) && self.placed(*number).is_none());
+        let stops = self.stops.iter().enumerate();
+        let waiting = stops.filter(|(n, stop)| !stop.is_placed && !self.is_measured(*n));
         waiting.count()
     }
 
@@ -74,106 +77,104 @@ impl<T: Real> Problem<'_, T> {
         first..end.unwrap_or(self.stops.len())
     }
 
-    /// Places a part by dead reckoning from one of its stops.
-    fn reckon(&mut self, part: Range<usize>, from: usize, place: Point2<T>) {
-        let mut at = place;
-        for stop in from..part.end {
-            if stop > from {
+    /// Puts the stops of a part where they are if it begins at the origin.
+    fn reckon(&mut self, part: &Range<usize>) {
+        let mut at = Point2::origin();
+        for stop in part.clone() {
+            if stop > part.start {
                 at += self.way_to(stop);
             }
-            self.put(stop, at);
-        }
-        at = place;
-        for stop in (part.start..from).rev() {
-            at -= self.way_to(stop + 1);
-            self.put(stop, at);
+            if let Some(stop) = self.stops.get_mut(stop) {
+                stop.place = at;
+            }
         }
     }
 
-    /// Place of one stop of a part, by a mark, by bearings or by a range.
-    fn tie(&self, part: Range<usize>) -> Option<(usize, Point2<T>)> {
+    /// Moves a part to its place.
+    fn shift(&mut self, part: &Range<usize>, way: Vector2<T>) {
+        for stop in self.stops.get_mut(part.clone()).unwrap_or_default() {
+            stop.place += way;
+            stop.is_placed = true;
+        }
+    }
+
+    /// Way by which a part is to be moved, by a mark, by bearings or by a range.
+    fn tie(&self, part: &Range<usize>) -> Option<Vector2<T>> {
         let of_mark = self.visits.iter().find_map(|visit| {
-            let stop = usize::from(visit.stop);
-            let place = part.contains(&stop).then(|| self.mark_place(visit.mark))?;
-            Some((stop, place?))
+            self.visited(visit.mark)?;
+            let mark = self.marks.get(usize::from(visit.mark))?;
+            Some(mark.place() - self.in_part(part, visit.stop)?)
         });
         of_mark
-            .or_else(|| self.cross(part.clone()))
+            .or_else(|| self.cross(part))
             .or_else(|| self.measure_out(part))
     }
 
-    /// The first stop of a part, at the place from which the bearings of estimated cameras see the part as it was walked:
-    /// least squares of the distances between bearings and stops. `None` if bearings are too few, or nearly parallel.
-    fn cross(&self, part: Range<usize>) -> Option<(usize, Point2<T>)> {
+    /// Place of a stop if it is of a part.
+    fn in_part(&self, part: &Range<usize>, stop: u16) -> Option<Vector2<T>> {
+        let stop = usize::from(stop);
+        let stop = self.stops.get(stop).filter(|_| part.contains(&stop))?;
+        Some(stop.place.coords)
+    }
+
+    /// Way by which a part is to be moved so that the bearings of estimated cameras see it as it was walked: least squares
+    /// of the distances between bearings and stops. `None` if bearings are too few, or nearly parallel.
+    fn cross(&self, part: &Range<usize>) -> Option<Vector2<T>> {
         let mut normal = Matrix2::zeros();
         let mut right = Vector2::zeros();
-        self.each_ray(&part, |eye, ray, walked| {
-            let across = plane::quarter_turn(ray);
-            normal += across * across.transpose();
-            right += across * plane::dot(across, eye - walked);
-        });
-        let determinant = normal.determinant();
-        if !(determinant > lit(CROSSING * CROSSING)) {
-            return None;
-        }
-        let place = normal.try_inverse()? * right;
+        let mut way = None;
         let (mut all, mut away) = (0, 0);
-        self.each_ray(&part, |eye, ray, walked| {
-            all += 1;
-            away += usize::from(!(plane::dot(place + walked - eye, ray) > T::zero()));
-        });
-        (away * POINTING_AWAY <= all).then_some((part.start, place.into()))
-    }
-
-    /// Calls a function for each bearing of an estimated camera at a stop of a part: with the place of the camera, the
-    /// direction, and the way from the first stop of the part.
-    fn each_ray(
-        &self,
-        part: &Range<usize>,
-        mut see: impl FnMut(Vector2<T>, Vector2<T>, Vector2<T>),
-    ) {
-        let mut walked = Vector2::zeros();
-        for stop in part.clone() {
-            if stop > part.start {
-                walked += self.way_to(stop);
-            }
+        // The second time the place is known: do the bearings point there?
+        for _ in 0..2 {
             for sight in self.sights.iter() {
-                if usize::from(sight.stop) == stop
-                    && sight.is_bearing()
-                    && let Some((pose, bearing)) = self.seen_from(sight)
-                {
-                    see(pose.xy(), plane::unit(pose.z + bearing), walked);
+                let walked = self.in_part(part, sight.stop);
+                let seen = walked.and_then(|walked| Some((walked, self.seen_from(sight)?)));
+                let Some((walked, (eye, ray))) = seen else {
+                    continue;
+                };
+                let to_stop = walked - eye;
+                if let Some(way) = way {
+                    all += 1;
+                    away += usize::from(!(plane::dot(way + to_stop, ray) > T::zero()));
+                } else {
+                    let across = plane::quarter_turn(ray);
+                    normal += across * across.transpose();
+                    right -= across * plane::dot(across, to_stop);
                 }
             }
+            if way.is_none() {
+                let determinant = normal.determinant();
+                let is_determined = determinant > lit(CROSSING * CROSSING);
+                way = Some(normal.try_inverse().filter(|_| is_determined)? * right);
+            }
         }
+        way.filter(|_| away * POINTING_AWAY <= all)
     }
 
-    /// A stop of a part from bearing and range of one camera.
-    fn measure_out(&self, part: Range<usize>) -> Option<(usize, Point2<T>)> {
+    /// Way by which a part is to be moved, by bearing and range of one camera.
+    fn measure_out(&self, part: &Range<usize>) -> Option<Vector2<T>> {
         self.sights.iter().find_map(|range| {
-            let stop = usize::from(range.stop);
-            if range.is_bearing() || !part.contains(&stop) {
-                return None;
-            }
+            let walked = self.in_part(part, range.stop)?;
             let is_its = |sight: &&Sight<T>| {
                 sight.is_bearing() && (sight.stop, sight.camera) == (range.stop, range.camera)
             };
-            let (pose, bearing) = self.seen_from(self.sights.iter().find(is_its)?)?;
-            let range = range.value * self.along_floor(range)?;
-            let place = pose.xy() + plane::unit(pose.z + bearing) * range;
-            Some((stop, place.into()))
+            let bearing = self.sights.iter().find(is_its)?;
+            let (eye, ray) = self.seen_from(bearing).filter(|_| !range.is_bearing())?;
+            Some(eye + ray * (range.value * self.along_floor(range)?) - walked)
         })
     }
 
-    /// Pose of the camera of a bearing, and the bearing, if both count.
-    fn seen_from(&self, sight: &Sight<T>) -> Option<(Vector3<T>, T)> {
+    /// Place of the camera of a bearing, and the direction in which it saw the target, if it counts.
+    fn seen_from(&self, sight: &Sight<T>) -> Option<(Vector2<T>, Vector2<T>)> {
         let camera = usize::from(sight.camera);
         let [first, last] = self.common.window;
-        let counts = self.is_estimated(camera)
+        let counts = sight.is_bearing()
+            && self.is_estimated(camera)
             && self.counts(camera, sight)
             && (first..=last).contains(&sight.stop);
         let pose = self.camera(camera).filter(|_| counts)?;
-        Some((pose, self.bearing_at(sight).0))
+        let (bearing, _) = self.bearing_at(sight);
+        Some((pose.xy(), plane::unit(pose.z + bearing)))
     }
 
     /// Puts a mark where it was visited first.
@@ -184,18 +185,10 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Place of a mark, if the target visited it at a stop that is placed.
-    fn mark_place(&self, mark: u16) -> Option<Point2<T>> {
-        self.visited(mark)?;
-        Some(self.marks.get(usize::from(mark))?.place().into())
-    }
-
-    /// Place of the first visit to a mark.
+    /// Place of the first visit to a mark at a stop that is placed.
     fn visited(&self, mark: u16) -> Option<Point2<T>> {
-        self.visits.iter().find_map(|visit| {
-            let stop = self.stops.get(usize::from(visit.stop))?;
-            (visit.mark == mark && stop.is_placed).then_some(stop.place)
-        })
+        let mut visits = self.visits.iter().filter(|visit| visit.mark == mark);
+        visits.find_map(|visit| self.placed(visit.stop))
     }
 
     /// Returns true if the leg to a stop was measured.
@@ -207,12 +200,5 @@ impl<T: Real> Problem<'_, T> {
     fn way_to(&self, stop: usize) -> Vector2<T> {
         let stop = self.stops.get(stop);
         stop.map_or_else(Vector2::zeros, |stop| self.true_way(stop.displacement))
-    }
-
-    fn put(&mut self, stop: usize, place: Point2<T>) {
-        if let Some(stop) = self.stops.get_mut(stop) {
-            stop.place = place;
-            stop.is_placed = true;
-        }
     }
 }

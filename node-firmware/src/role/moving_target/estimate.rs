@@ -677,20 +677,18 @@ impl<'m> Estimate<'m> {
             let Some(told) = self.told.get_mut(n).filter(|_| !camera.is_successor) else {
                 continue;
             };
-            let is_unconfirmed = |report: &Report| {
-                report.joint.is_some_and(|level| !level.is_none())
-                    && report.status() != Status::Doubtful
-                    && came >= usize::from(report.sightings) + CONTRADICTING
-            };
-            let entry = table.iter().find(|entry| entry.address == camera.address);
-            let held = told.or_else(|| entry?.report).filter(is_unconfirmed);
-            if let Some((report, pose)) = held.and_then(|held| Some((held, *held.pose()?))) {
-                *told = Some(Report {
-                    duty: None,
-                    joint: Some(ProtectionLevel::NONE),
-                    state: CameraState::Weak(pose),
-                    ..report
-                });
+            if told.is_none() {
+                let entry = table.iter().find(|entry| entry.address == camera.address);
+                *told = entry.and_then(|entry| entry.report);
+            }
+            if let Some(report) = told
+                && let CameraState::Calibrated(pose) | CameraState::Weak(pose) = report.state
+                && report.joint.is_some_and(|level| !level.is_none())
+                && came >= usize::from(report.sightings) + CONTRADICTING
+            {
+                report.duty = None;
+                report.joint = Some(ProtectionLevel::NONE);
+                report.state = CameraState::Weak(pose);
                 self.news.mark(n);
             }
         }
