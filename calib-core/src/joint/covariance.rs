@@ -1,9 +1,9 @@
 //! Covariances of cameras and of measurements, from that of the kept unknowns.
 //!
-//! The step of a camera is `R^-1 (z - Q^T J dx)`: its own part, which the rows give for known places, and the
-//! part by which places move it. So with the covariance `D` of places its own is `R^-1 N R^-T`,
-//! `N = 1 + Q^T J D J^T Q`, and that of a predicted row `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums over
-//! pairs of its sights give all of these; no pass is needed.
+//! The step of a camera is `R^-1 (z - Q^T J dx)`: its own part, which its rows give if places are known, and the part
+//! by which places move it. Let `D` be the covariance of places. Then the covariance of the camera is `R^-1 N R^-T`
+//! with `N = 1 + Q^T J D J^T Q`, and the variance of a predicted row is `q^T N q - 2 q^T Q^T J D J^T + J D J^T`. Sums
+//! over pairs of the camera's sights give all of these without a pass.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
@@ -14,10 +14,10 @@ use super::{
 };
 use crate::{Real, numerics::real::lit};
 
-/// A symmetric matrix of a camera's block.
+/// Symmetric matrix of the size of a camera's block.
 pub(super) type Block<T> = [[T; BLOCK]; BLOCK];
 
-/// Where the other sights of a test explain a sight up to less than this share, it tells nothing.
+/// Share of a sight beyond the other sights of a test, below which it tells nothing.
 const EXPLAINED: f64 = 1e-3;
 
 /// `J D J'^T` of two sights.
@@ -35,13 +35,13 @@ fn at_place<T: Real>(sight: &Sight<T>, line: &Line<'_, T>) -> (u16, Vector2<T>) 
     (sight.stop, line.by_place)
 }
 
-/// Vectors of this length, one behind the other. Those of length zero do not count: there are none.
+/// Vectors of this length, one after the other. Without a length there are none.
 fn each<T>(numbers: &[T], length: usize) -> core::slice::ChunksExact<'_, T> {
     numbers.chunks_exact(length.max(1))
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Leverages of a camera's sights that count, into their lines.
+    /// Writes the leverages of a camera's counting sights into their lines.
     pub(super) fn find_leverages(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         let unknowns = self.axes(camera).len();
         let mut inner = identity(unknowns);
@@ -65,7 +65,7 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// `Q^T J D J^T` of a camera's sights and of a place as a row sees it.
+    /// Returns `Q^T J D J^T` of a camera's sights with a place, as a row sees it.
     fn with_others(
         &self,
         camera: usize,
@@ -85,7 +85,7 @@ impl<T: Real> Problem<'_, T> {
         sum
     }
 
-    /// `N` of a camera.
+    /// Returns `N` of a camera.
     fn inner(&self, camera: usize, parts: &Parts<'_, T>) -> Block<T> {
         let unknowns = self.axes(camera).len();
         let mut inner = identity(unknowns);
@@ -102,7 +102,7 @@ impl<T: Real> Problem<'_, T> {
         inner
     }
 
-    /// The covariance of a camera's unknowns, those of its block, or that with another one's.
+    /// Returns the covariance of the unknowns of a camera's block, or their covariance with those of another camera.
     #[inline(never)] // for less flash
     pub(super) fn camera_covariance(&mut self, camera: usize, other: usize) -> Option<Block<T>> {
         if self.common.is_whole() {
@@ -145,7 +145,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The covariance of two kept unknowns, this one and the one after it.
+    /// Returns the covariance of the kept unknown `i` and the one after it.
     pub(super) fn pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
         if self.common.is_whole() {
             return self.whole_pair_covariance(i);
@@ -156,8 +156,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The variance that the estimates predict for a sight, in units of its own. `None` for one that counts
-    /// but was not there when covariances were found.
+    /// Returns the variance of the prediction for a sight, in units of the sight's own variance. `None` for a counting
+    /// sight that came after the covariances.
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
         let sight = *self.sights.get(n)?;
         let camera = usize::from(sight.camera);
@@ -182,8 +182,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The covariance of a camera's block, less its own part, with everything that is kept, in units of its rows:
-    /// `-Q^T J D`, into as many vectors.
+    /// Writes the covariance of a camera's block with all kept unknowns, without the block's own part and in units of
+    /// its rows: `-Q^T J D`, one vector for each unknown of the block.
     fn find_gain(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         let (kept, unknowns) = (self.layout().kept, self.axes(camera).len());
         parts.vectors.fill(T::zero());
@@ -205,9 +205,8 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Movement of a camera by each measurement that is wrong by its sigma. Calls `tell` with the movement of
-    /// its unknowns, for every sight that counts, then for every leg, each of its two directions, with the
-    /// share of the error that shows.
+    /// Calls `tell` for every counting sight and then for each direction of every leg: with the movement of the
+    /// camera's unknowns if that measurement errs by one sigma, and with the share of the error that shows.
     #[inline(never)] // for less flash
     pub(super) fn influences(
         &mut self,
@@ -308,9 +307,9 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Fall of chi squared if the last sights of a camera are left out, for each stop that they may begin at.
-    /// Calls `tell` with the number of sights so far, by descending stop, and that fall. As far as there is
-    /// room.
+    /// Calls `tell` for each stop from which on the last sights of a camera may be left out: with the number of these
+    /// sights, and with the fall of chi squared without them. Looks at as many sights as there is room for, from the
+    /// last one on.
     #[inline(never)] // for less flash
     pub(super) fn tails(
         &mut self,
@@ -387,7 +386,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The same with the caller's solver.
+    /// The same, computed by the caller's solver.
     fn whole_tails(&mut self, camera: usize, tell: &mut dyn FnMut(&Self, usize, T)) -> Option<()> {
         let inner = self.whole_inner(camera)?;
         let axes = self.axes(camera);
@@ -406,7 +405,7 @@ impl<T: Real> Problem<'_, T> {
                 let (x, y) = columns.split_at_checked(unknowns)?;
                 let by_camera = found.by_camera.get(axes.clone())?;
                 let residual = problem.with_parts(|problem, parts| {
-                    // Each row of the factor has its part of the residual behind it.
+                    // Each row of the factor is followed by its part of the residual.
                     let begin = row * (row + 3) / 2;
                     let (mut factors, own) = parts.rest.split_at_mut_checked(begin)?;
                     let own = own.get_mut(..row + 2)?;
@@ -450,7 +449,7 @@ impl<T: Real> Problem<'_, T> {
                     *own.last_mut()? = residual;
                     Some(residual)
                 });
-                // There may be no more room.
+                // The room may be used up.
                 let Some(residual) = residual else { break };
                 row += 1;
                 fallen += residual * residual;
@@ -489,7 +488,7 @@ fn quadratic<T: Real>(matrix: &Block<T>, a: &[T]) -> T {
     bilinear(matrix, a, a)
 }
 
-/// The corner of a block that is a pose's.
+/// Returns the corner of a block that belongs to the pose.
 pub(super) fn pose_of<T: Real>(block: &Block<T>) -> SMatrix<T, 3, 3> {
     let mut pose = SMatrix::<T, 3, 3>::zeros();
     for (i, row) in block.iter().enumerate().take(3) {

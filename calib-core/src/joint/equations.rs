@@ -24,23 +24,23 @@ use super::{
 };
 use crate::{Real, numerics::real::lit};
 
-/// Numbers of a sight's line beside its part of the camera's block.
+/// Numbers in the line of a sight, besides its part of the camera's block.
 const LINE: usize = 3;
-/// A direction that is not determined moves an unknown by more than this share of its largest movement.
+/// An unknown is undetermined if an undetermined direction moves it by more than this share of its largest movement.
 const MOVES: f64 = 1e-3;
-/// A camera that explains more than this share of a sight is nearly the only one to tell it.
+/// Share of a sight that its camera explains, beyond which the camera's rows are rotated one by one.
 const DOMINANT: f64 = 0.99;
-/// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
+/// Last sights of a camera that one test can look at, in the default workspace.
 const TAIL: usize = 32;
 
-/// Multiplications of a change of variables for each entry of a row, and what takes as long.
+/// Cost of a change of variables for each entry of a row, in multiplications.
 const OF_ENTRIES: usize = 64;
-/// Multiplications for each pair of a camera's sights.
+/// Cost of each pair of a camera's sights, in multiplications.
 const OF_PAIR: usize = 16;
-/// Multiplications for each sight, and what takes as long.
+/// Cost of each sight, in multiplications.
 const OF_ROW: usize = 200;
 
-/// Returns the largest magnitude, zero of none.
+/// Returns the largest magnitude, or zero if there are no numbers.
 fn largest<T: Real>(numbers: impl Iterator<Item = T>) -> T {
     numbers.fold(T::zero(), |most, number| most.max(number.abs()))
 }
@@ -72,12 +72,12 @@ impl Layout {
         }
     }
 
-    /// The same where nothing is kept.
+    /// The same layout without a kept part.
     pub(super) const fn without_kept(self) -> Self {
         Self { kept: 0, ..self }
     }
 
-    /// Numbers of the workspace.
+    /// Length of the workspace, in numbers.
     pub(super) const fn workspace(&self) -> usize {
         let tail = if self.sights < TAIL {
             self.sights
@@ -108,7 +108,8 @@ pub(super) struct Parts<'a, T> {
     pub rest: &'a mut [T],
 }
 
-/// A row for each sight: by the place, then the residual, or the leverage once covariances are told, then `q`.
+/// A line for each sight: derivatives by the place; then the residual or, once covariances are known, the leverage;
+/// then `q`.
 pub(super) struct Lines<'a, T> {
     numbers: &'a mut [T],
     length: usize,
@@ -120,12 +121,12 @@ pub(super) struct Blocks<'a, T> {
     length: usize,
 }
 
-/// A sight's line.
+/// The line of a sight.
 pub(super) struct Line<'a, T: Real> {
     pub by_place: Vector2<T>,
-    /// Residual, or leverage.
+    /// Residual or, once covariances are known, leverage.
     pub number: T,
-    /// Its row's part of the camera's unknowns, in units of the information of all rows together.
+    /// Part of its row that belongs to the camera's unknowns, in units of the information of all rows together.
     pub q: &'a [T],
 }
 
@@ -182,7 +183,7 @@ impl<T: Real> Lines<'_, T> {
 }
 
 impl<T: Real> Blocks<'_, T> {
-    /// The triangle of a camera with so many unknowns.
+    /// Returns the triangle of a camera that has this number of unknowns.
     pub(super) fn get(&mut self, camera: usize, unknowns: usize) -> Option<Triangle<'_, T>> {
         let begin = camera * self.length;
         let numbers = self.numbers.get_mut(begin..begin + self.length)?;
@@ -195,7 +196,7 @@ pub(super) const fn of_stop(stop: u16) -> usize {
     STOPS + 2 * stop as usize
 }
 
-/// A step of a stop's place as one of the leg there, and back.
+/// Conversion between a step of a stop's place and a step of the error of the leg to it.
 #[derive(Clone, Copy)]
 struct Way<T> {
     /// Inverse of the derivatives by the place, by rows.
@@ -205,8 +206,9 @@ struct Way<T> {
 }
 
 impl<T: Real> Way<T> {
-    /// From the entries by the carrier, by the place before and by the place, makes those by the carrier, by
-    /// the place before, as all later ones move with it, and by the leg's error.
+    /// Changes the variables of a row. It has entries for the carrier, for the place before and for the place.
+    /// Afterwards it has entries for the carrier, for the place before (with which all later places move) and for the
+    /// error of the leg.
     fn leave_places(&self, [c1, c2, x, y, u1, u2]: &mut [T; 6]) {
         let ([[a, b], [c, d]], [[e, f], [g, h]]) = (self.inverse, self.by_carrier);
         let (v1, v2) = (*u1, *u2);
@@ -218,7 +220,7 @@ impl<T: Real> Way<T> {
         *u2 = b * v1 + d * v2;
     }
 
-    /// The place's step from the leg's error, and those of the carrier and of the place before.
+    /// Returns the step of the place from the steps of the leg's error, of the carrier and of the place before.
     fn find_place(&self, [c1, c2, x, y, u1, u2]: &mut [T; 6]) {
         let ([[a, b], [c, d]], [[e, f], [g, h]]) = (self.inverse, self.by_carrier);
         let (v1, v2) = (*u1, *u2);
@@ -243,7 +245,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// With the workspace taken out, so that rows can be made while it is written.
+    /// Calls a function with the workspace taken out, so that rows can be computed while it is written.
     pub(super) fn with_parts<R>(
         &mut self,
         work: impl FnOnce(&mut Self, Parts<'_, T>) -> Option<R>,
@@ -255,7 +257,8 @@ impl<T: Real> Problem<'_, T> {
         done
     }
 
-    /// A slice of the way to the equations around the present estimates, ready to be factored: chi squared there.
+    /// Does a slice of the assembly of the equations around the present estimates. Returns chi squared once they are
+    /// ready to be factored.
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Poll<Option<T>> {
         let from = match self.common.told {
@@ -280,7 +283,8 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Slices of [`assemble`](Self::assemble), from a step on: the cameras, then legs from the last one.
+    /// Does slices of [`assemble`](Self::assemble) from a step on: first the cameras, then the legs, beginning with the
+    /// last.
     fn assemble_from(&mut self, from: usize) -> Option<Told> {
         let (cameras, stops) = (self.cameras.len(), self.stops.len());
         self.with_parts(|problem, mut parts| {
@@ -319,8 +323,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Information of a camera about places when it is eliminated; returns chi squared of its sights, and adds to the
-    /// multiplications that were done.
+    /// Eliminates a camera and adds its information about places. Returns chi squared of its sights. Adds the number of
+    /// multiplications to `work`.
     fn eliminate(&self, camera: usize, parts: &mut Parts<'_, T>, work: &mut usize) -> Option<T> {
         let unknowns = self.axes(camera).len();
         let mut triangle = parts.blocks.get(camera, unknowns)?;
@@ -347,16 +351,16 @@ impl<T: Real> Problem<'_, T> {
         Some(cost)
     }
 
-    /// The same where the camera explains some sight nearly alone, as that of a target right before it: the
-    /// square less the explained part would have no digits left. Row after row is rotated with all that it
-    /// says of places. The rest of it is what it says of them alone.
+    /// Adds the information of a camera that explains some sight nearly alone, as one right before the target. The
+    /// square less the explained part would have no digits left. So each row is rotated with its entries for places,
+    /// and what remains of it is information about places alone.
     fn add_rows(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         let (kept, axes) = (self.layout().kept, self.axes(camera));
         let unknowns = axes.len();
         let (g, vectors) = parts.vectors.split_at_mut_checked(kept)?;
         let (row, vectors) = vectors.split_at_mut_checked(kept)?;
         vectors.fill(T::zero());
-        // Each rotated row: the camera's part, and the right side last.
+        // Each rotated row has the camera's part first and the right side last.
         let mut rotated = [[T::zero(); BLOCK + 1]; BLOCK];
         for (place, axis) in axes.clone().enumerate() {
             if let Some((residual, weight)) = self.prior_of(camera, axis) {
@@ -400,7 +404,7 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// The rows of a camera into a triangle, and into their lines; chi squared of them.
+    /// Enters the rows of a camera into a triangle and into their lines. Returns their chi squared.
     fn enter(
         &self,
         camera: usize,
@@ -442,7 +446,7 @@ impl<T: Real> Problem<'_, T> {
         Some(cost)
     }
 
-    /// Information that pairs of a camera's sights give about places.
+    /// Adds the information about places from pairs of a camera's sights.
     fn add_pairs(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         for (n, sight) in self.own(camera) {
             let line = parts.lines.get(n)?;
@@ -504,7 +508,8 @@ impl<T: Real> Problem<'_, T> {
         STOPS + 2 * (self.stops.len() + mark)
     }
 
-    /// From the step of a place to the error of the leg to it, with the information of that, and of chi squared.
+    /// Changes the variables from the step of a place to the error of the leg to it. Adds the leg's information and chi
+    /// squared.
     fn change_to_leg(&self, later: usize, parts: &mut Parts<'_, T>, cost: &mut T) -> Option<()> {
         let way = self.way(later)?;
         let of = with_before(later);
@@ -529,7 +534,7 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Way of the leg to a stop; where nothing was measured, the step itself.
+    /// Returns the conversion for the leg to a stop. If the leg was not measured, it is the step itself.
     fn way(&self, later: usize) -> Option<Way<T>> {
         let (zero, one) = (T::zero(), T::one());
         let Some([first, second]) = self.leg_rows(later) else {
@@ -555,8 +560,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// A slice of the way to the step to the minimum of the assembled equations; it is kept, not taken. Tells by how
-    /// much it lowers chi squared, as far as the model is linear.
+    /// Does a slice of the search for the step to the minimum of the assembled equations. The step is stored, not
+    /// taken. Returns the predicted fall of chi squared, to first order.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Poll<Option<T>> {
         if self.common.is_whole() {
@@ -604,15 +609,16 @@ impl<T: Real> Problem<'_, T> {
         Poll::Ready(worth)
     }
 
-    /// Returns true where a pass, and covariances, are one slice each: to pause between would only delay the answer.
+    /// Returns true if a pass is one slice, and covariances too: the problem is so small that a pause would only delay
+    /// the answer.
     pub(super) fn is_small(&self) -> bool {
         let kept = self.layout().kept;
         2 * kept * packed(kept) <= SLICE
     }
 
-    /// Steps of everything, kept with it, from those of the kept unknowns in vector `vector`, which get those of
-    /// places instead of those of legs' errors. `own` is one for the cameras' own part of the step, and zero
-    /// without.
+    /// Computes and stores the steps of all unknowns from the kept ones in vector `vector`. There, steps of legs'
+    /// errors are replaced by steps of places. `own` is one with the cameras' own part of the step, and zero without
+    /// it.
     fn spread(&mut self, parts: &mut Parts<'_, T>, vector: usize, own: T) -> Option<()> {
         let kept = self.layout().kept;
         let x = parts.vectors.get_mut(vector * kept..(vector + 1) * kept)?;
@@ -670,7 +676,7 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Finds out which unknowns move along a direction that nothing determines, and names the first.
+    /// Finds the unknowns that move along an undetermined direction, and names the first of them.
     fn find_undetermined(&mut self, dropped: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         let kept = self.layout().kept;
         self.common.undetermined = None;
@@ -727,7 +733,7 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Names an unknown that was dropped, by its place among those that are kept.
+    /// Names an unknown that was dropped, by its index among the kept ones.
     fn name(&mut self, dropped: usize) {
         let place = dropped.saturating_sub(STOPS) / 2;
         let name = match dropped {
@@ -746,8 +752,8 @@ impl<T: Real> Problem<'_, T> {
         self.common.undetermined = self.common.undetermined.or(name);
     }
 
-    /// A slice of the way to covariances of everything in place of the factor, and to how much each measurement is
-    /// checked.
+    /// Does a slice of the computation of all covariances, which replace the factor, and of the share of each
+    /// measurement that others check.
     #[inline(never)] // for less flash
     pub(super) fn find_covariances(&mut self) -> Poll<Option<()>> {
         let from = match self.common.told {
@@ -781,8 +787,8 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Slices of [`find_covariances`](Self::find_covariances) that begin with the factor: the inverse by its rows, then
-    /// places instead of legs' errors stop after stop, then leverages camera after camera.
+    /// Does slices of [`find_covariances`](Self::find_covariances), beginning with the factor: first the rows of the
+    /// inverse, then the change from legs' errors to places, stop by stop, then leverages, camera by camera.
     fn invert(&mut self, from: usize) -> Option<Told> {
         self.with_parts(|problem, mut parts| {
             let kept = problem.layout().kept;
@@ -825,7 +831,7 @@ impl<T: Real> Unknown<T> {
     }
 }
 
-/// The unknowns of the carrier, of the stop before and of a stop.
+/// Indices of the unknowns of the carrier, of the stop before and of a stop.
 fn with_before(later: usize) -> [usize; 6] {
     let i = STOPS + 2 * later;
     [
@@ -838,22 +844,21 @@ fn with_before(later: usize) -> [usize; 6] {
     ]
 }
 
-/// Copies numbers to the first of others. Their count is not proven, as
-/// [`copy_from_slice`](slice::copy_from_slice) asks.
+/// Copies numbers to the front of others. [`copy_from_slice`](slice::copy_from_slice) would need a proof that there are
+/// as many.
 pub(super) fn put<T: Copy>(to: &mut [T], from: &[T]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to = *from;
     }
 }
 
-/// `a . b` of a few numbers.
+/// Returns `a . b` of short vectors.
 #[inline(always)]
 pub(super) fn short_dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
 }
 
-/// Derivatives of a leg's error in each direction by the kept unknowns: of the carrier, the stop before, and the
-/// stop.
+/// Derivatives of a leg's error in each direction by the unknowns of the carrier, of the stop before and of the stop.
 pub(super) fn by_kept<T: Real>(row: &LegRow<T>) -> [T; 6] {
     let (by_place, by_carrier) = (row.by_place, row.by_carrier);
     [

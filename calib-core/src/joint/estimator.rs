@@ -1,4 +1,4 @@
-//! The estimator with its capacities: measurements in, answers out.
+//! Estimator with fixed room: it takes measurements and gives answers.
 
 use nalgebra::{Point2, Vector2};
 
@@ -20,8 +20,8 @@ use crate::{
     numerics::real::lit,
 };
 
-/// Memory for an estimator's measurements and estimates. It is the caller's, so that it exists once, wherever
-/// that is, and as large as is needed. Its former contents do not matter.
+/// Memory for the measurements and estimates of an estimator. The caller owns it, so it can be static and as large as
+/// needed. Its former contents do not matter.
 #[derive(Debug)]
 pub struct JointMemory<'m, T: Real> {
     /// One for each camera, of which the first two are the references.
@@ -38,17 +38,16 @@ pub struct JointMemory<'m, T: Real> {
     pub workspace: &'m mut [T],
 }
 
-/// Joint estimation of as many cameras, stops, bearings and marks as its memory has room for.
+/// Joint estimator of as many cameras, stops, bearings and marks as its memory holds.
 ///
-/// Measurements come stop after stop. Nothing is computed until [`solve`](JointEstimator::solve),
-/// which begins where the last one ended.
+/// Measurements come stop by stop. [`solve`](JointEstimator::solve) computes, and begins with the estimates of the last
+/// solve.
 #[derive(Debug)]
 pub struct JointEstimator<'m, T: Real> {
     pub(super) common: Common<T>,
     limits: Limits<T>,
     pub(super) work: Work<T>,
-    /// Stops, bearings and visits that are counted; those that came since are not, until the next
-    /// round begins.
+    /// Numbers of stops, of bearings and of visits that count. Later ones count from the next round on.
     pub(super) counted: [usize; 3],
     pub(super) stops: List<'m, Stop<T>>,
     pub(super) sights: List<'m, Sight<T>>,
@@ -59,7 +58,7 @@ pub struct JointEstimator<'m, T: Real> {
     solver: Option<&'m mut dyn Solver<T>>,
 }
 
-/// Values, as many as came.
+/// List of fixed capacity.
 #[derive(Debug)]
 pub(super) struct List<'m, V> {
     values: &'m mut [V],
@@ -88,7 +87,7 @@ impl<'m, V> List<'m, V> {
 }
 
 impl<V: Copy> List<'_, V> {
-    /// Takes out the value in this place, which the last one takes.
+    /// Removes the value at this index. The last value takes its place.
     pub(super) fn swap_remove(&mut self, index: usize) {
         let last = self.all().last().copied();
         if let (Some(last), Some(place)) = (last, self.all_mut().get_mut(index)) {
@@ -97,7 +96,7 @@ impl<V: Copy> List<'_, V> {
         }
     }
 
-    /// Takes out the value in this place; those behind it move up.
+    /// Removes the value at this index. Later values move up.
     pub(super) fn remove(&mut self, index: usize) {
         let behind = self.all_mut().get_mut(index..).unwrap_or_default();
         let mut moved = None;
@@ -110,11 +109,11 @@ impl<V: Copy> List<'_, V> {
     }
 }
 
-/// One in so many bearings, and in so many legs, may be left out, and one more.
+/// One bearing or leg in so many may be left out, plus one.
 const LEFT_OUT: usize = 5;
 
 impl<'m, T: Real> JointEstimator<'m, T> {
-    /// An estimator that knows of no stop yet. `baseline` is the distance between both references.
+    /// Returns an estimator without any stop. `baseline` is the distance between both references.
     ///
     /// # Errors
     /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero;
@@ -205,9 +204,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         })
     }
 
-    /// An estimator as of [`new`](Self::new), for a walk of so many stops that all unknowns together are left
-    /// to the solver: its workspace needs to be as large as
-    /// [`Capacity::workspace_beside_solver`](super::Capacity) says.
+    /// Returns an estimator as [`new`](Self::new) does, for walks so long that a solver computes all unknowns together.
+    /// Its workspace needs the size of [`Capacity::workspace_beside_solver`](super::Capacity).
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -223,10 +221,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(joint)
     }
 
-    /// Appoints other references: camera `first` becomes camera 0 and `second` camera 1, which give
-    /// their numbers to those, with this distance between them. Everything is estimated anew then.
+    /// Makes cameras `first` and `second` the references, numbers 0 and 1. The cameras that had these numbers get
+    /// theirs. `baseline` is the distance between the new references. Everything is estimated anew.
     ///
-    /// Bearings may so be taken before the references are known.
+    /// So bearings can be added before the references are known.
     ///
     /// # Errors
     /// [`JointError::Unknown`] where these are not two cameras, and as
@@ -248,10 +246,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         if !self.common.is_whole() && self.workspace.len() < layout.workspace() {
             return Err(JointError::Memory);
         }
-        // Who was moved is found anew.
+        // Moves of cameras are searched anew.
         self.counted = [self.stops.len, self.sights.len, self.visits.len];
         self.work().1.undo_moves(None);
-        // The place of the second reference after the first exchange.
+        // Index of the second reference after the first exchange.
         let second = if second == 0 { first } else { second };
         for [a, b] in [[0, index(first)?], [1, index(second)?]] {
             for sight in self.sights.all_mut() {
@@ -290,7 +288,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// Forgets all measurements and their results. References, priors and limits stay.
+    /// Forgets all measurements and results. References, priors and limits stay.
     pub fn clear(&mut self) {
         self.work = Work::new();
         self.counted = [0; 3];
@@ -306,8 +304,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         }
     }
 
-    /// Adds the next stop of the walk and returns its number: they count from zero. `leg` is the way by which
-    /// the target came there; `None` at the first stop, and where the way was not measured.
+    /// Adds the next stop of the walk and returns its number, counted from zero. `leg` is the way from the stop before;
+    /// `None` at the first stop, or if the way was not measured.
     ///
     /// # Errors
     /// [`JointError::Full`]; [`JointError::NotFinite`].
@@ -332,8 +330,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         })
     }
 
-    /// Camera `camera` saw the target at a stop: `bearing` is the offset from its optical axis,
-    /// radians, positive to the left, with its standard deviation.
+    /// Adds a bearing: camera `camera` saw the target at a stop. `bearing` is the angle from its optical axis in
+    /// radians, positive to the left; `sigma` is the standard deviation.
     ///
     /// # Errors
     /// [`JointError::Unknown`], [`JointError::Full`], [`JointError::NotFinite`].
@@ -347,11 +345,11 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.add_sight(stop, camera, Quantity::Bearing, bearing, sigma)
     }
 
-    /// Camera `camera` was `range` away from the target at a stop, for example by the size that the
-    /// target has in its picture, with its standard deviation. It takes the room of a bearing. A range
-    /// does not make a camera take part, which takes three bearings; to one that does, bearing and
-    /// range together tell a place. The range is that from the eye to the target; the row of the bearing at that stop
-    /// ([`add_elevation`](Self::add_elevation)) tells the distance along the floor.
+    /// Adds a range: the distance from camera `camera` to the target at a stop, for example from the size of the target
+    /// in the picture, and its standard deviation. A range takes the room of a bearing. Three bearings give a camera a
+    /// pose; ranges do not. Once a camera has a pose, a bearing and a range together give a place. The range is
+    /// measured from the eye to the target. The row of the bearing at that stop
+    /// ([`add_elevation`](Self::add_elevation)) turns it into the distance along the floor.
     ///
     /// # Errors
     /// [`JointError::Unknown`], [`JointError::Full`]; [`JointError::NotFinite`], also for a range that
@@ -369,8 +367,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.add_sight(stop, camera, Quantity::Range, range, sigma)
     }
 
-    /// Tells how far above its horizontal plane camera `camera` saw the target, of the last bearing that was added.
-    /// Its standard deviation is that of the bearing.
+    /// Adds the elevation of the target above the horizontal plane of the camera to the last bearing. It has the
+    /// standard deviation of that bearing.
     ///
     /// # Errors
     /// [`JointError::Unknown`] where the last measurement is no bearing.
@@ -408,8 +406,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// At a stop the target stood on mark `mark`, up to `sigma` in every direction. Marks are places
-    /// that can be found again; where they are is not known. A mark visited twice closes a loop.
+    /// Adds a visit: the target stood on mark `mark` at a stop, with `sigma` in every direction. A mark is a place that
+    /// can be found again, though its position is unknown. Two visits to a mark close a loop.
     ///
     /// # Errors
     /// [`JointError::Unknown`], [`JointError::Full`], [`JointError::NotFinite`].
@@ -429,10 +427,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// A moved camera is another one from then on: sightings of `camera` at stop `from` and later, also those
-    /// still to come, belong to camera `into`, of which nothing was known. It is then estimated like any
-    /// other, and `camera` keeps the pose that it had. From the next round on. It takes four bearings that
-    /// agree, and three different ones: a stuck camera repeats itself.
+    /// Splits a moved camera: from the next round on its sightings at stop `from` and later belong to camera `into`,
+    /// which has no sightings yet. This holds for later sightings too. Camera `into` is estimated like any other, and
+    /// `camera` keeps its former pose. A new pose takes four bearings that agree, of which three are different: a stuck
+    /// camera repeats itself.
     ///
     /// # Errors
     /// [`JointError::Unknown`] for a camera there is not; [`JointError::Taken`] if something was seen
@@ -453,10 +451,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(())
     }
 
-    /// Begins a round: everything is estimated anew from all that came, from where the last round
-    /// ended, and then, as asked, contradictions are left out one after the other, the legs' noise is
-    /// estimated and protection levels are computed. [`step`](JointEstimator::step) does it. A round
-    /// under way is given up for the new one.
+    /// Begins a round: estimates everything from all measurements so far, beginning with the estimates of the last
+    /// round. Then, if asked, it leaves out contradictions one by one, estimates the noise of the legs and computes
+    /// protection levels. [`step`](JointEstimator::step) does the work. A round under way is given up.
     ///
     /// Measurements that come during a round count from the next one on.
     pub fn begin(&mut self, round: Round) {
@@ -465,9 +462,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         work.begin(&mut problem, round);
     }
 
-    /// One slice of the round: a pass over the measurements, a reference solve or a camera's
-    /// resection. To be called until the round is [`Over`](Progress::Over) or an error ends it;
-    /// answers are told then. After that it tells the same solution again.
+    /// Does one slice of the round: a pass over the measurements, a reference solve or a resection of a camera. Call it
+    /// until it returns [`Over`](Progress::Over) or an error. Then answers can be read. Further calls return the same
+    /// solution.
     ///
     /// # Errors
     /// [`JointError::Start`] until the references' sightings give a frame; [`JointError::Solve`], with
@@ -478,12 +475,12 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         work.step(&mut problem, &limits)
     }
 
-    /// Returns true while a round is under way. Until it is over answers are [`Refusal::DidNotConverge`].
+    /// Returns true while a round is under way. Until its end all answers are [`Refusal::DidNotConverge`].
     pub fn is_under_way(&self) -> bool {
         self.work.is_under_way()
     }
 
-    /// A round at one stretch that solves and does nothing else.
+    /// Does a whole round that solves and nothing else.
     ///
     /// # Errors
     /// As [`step`](JointEstimator::step).
@@ -492,10 +489,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.finish().1
     }
 
-    /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a camera has
-    /// seen since some stop. If chance does so only once in 100,000 it is left out, and everything solved
-    /// again. `None` if nothing contradicts. To be called until then, some times at most. May follow a solve
-    /// that came to no end because of contradictions; another solve tells whether it now does.
+    /// Finds the measurement that contradicts the others most: a bearing, a leg, or all sightings of a camera since
+    /// some stop. If chance explains it only once in 100,000, the measurement is left out and everything is solved
+    /// again. Returns `None` if nothing contradicts. Call it a few times, until it does. A solve may have failed
+    /// because of contradictions; another solve then shows if they were all.
     ///
     /// # Errors
     /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.
@@ -510,9 +507,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         }
     }
 
-    /// Estimates the ratio of the legs' errors to their claims, and solves again with that. A claim is
-    /// believed until residuals contradict it at two sigmas, and weighs as much as six of them then. Tells
-    /// the factor of the sigmas, which stays.
+    /// Estimates the ratio of the legs' errors to their told sigmas, solves again with it and returns it. The told
+    /// sigmas are believed until residuals contradict them by two sigmas; then they weigh as much as six residuals. The
+    /// factor stays.
     ///
     /// # Errors
     /// As [`check`](JointEstimator::check).
@@ -524,14 +521,13 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         solved.map(|_| self.leg_noise())
     }
 
-    /// Ratio of the legs' errors to their claims, as it was estimated last: the factor of their sigmas, one
-    /// at first.
+    /// Ratio of the legs' errors to their told sigmas, as estimated last; one at first.
     pub fn leg_noise(&self) -> T {
         self.common.leg_factor
     }
 
-    /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)
-    /// then tells. No pass: from the covariances that the last solve told.
+    /// Computes the protection levels of all cameras for [`protection`](JointEstimator::protection). It takes no pass:
+    /// the covariances of the last solve suffice.
     ///
     /// # Errors
     /// As [`check`](JointEstimator::check).
@@ -543,7 +539,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         solved.map(|_| ())
     }
 
-    /// A round that does not solve first, with the present solution.
+    /// Begins a round with the present solution, without a solve.
     fn finish_solved(&mut self, round: Round) -> Result<Finished<T>, JointError> {
         self.solved().map_err(JointError::Solve)?;
         let (work, mut problem) = self.work();
@@ -551,7 +547,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(self.finish())
     }
 
-    /// All steps of a round: the last finding, and how it ended.
+    /// Does all steps of a round. Returns the last finding and the result.
     fn finish(&mut self) -> Finished<T> {
         let mut last = None;
         loop {
@@ -564,8 +560,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         }
     }
 
-    /// Possible error of a camera's pose by one wrong measurement that no test notices. As
-    /// [`protect`](JointEstimator::protect) found it; `None` for one without a pose, and references.
+    /// Largest error of a camera's pose from one wrong measurement that no test notices, as computed by
+    /// [`protect`](JointEstimator::protect). `None` for a reference, or a camera without a pose.
     pub fn protection(&self, camera: usize) -> Option<ProtectionLevels<T>> {
         let camera = self.cameras.get(camera).filter(|camera| camera.takes_part);
         camera.map(|camera| camera.protection)
@@ -579,8 +575,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.told_pose(camera)
     }
 
-    /// The mounting that a camera's rows tell: level, or how it hangs. Its sigmas are larger than told by the root of
-    /// `inflation`. `None` for one without a pose or without rows, and where [no tolerance](JointSettings::tilt) is given.
+    /// Mounting of a camera as its rows tell: level, or with pitch and roll. Sigmas are multiplied by the root of
+    /// `inflation`. `None` without a pose, without rows, or without a [tolerance](JointSettings::tilt).
     pub fn levelness(&mut self, camera: usize, inflation: T) -> Option<Levelness<T>> {
         self.solved().ok()?.levelness(camera, inflation)
     }
@@ -603,21 +599,21 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.place(stop)
     }
 
-    /// Position of a stop as last estimated. `None` for a stop there is not, and for one after a leg that was not measured
-    /// if nothing else tells where it is.
+    /// Position of a stop as last estimated. `None` if there is no such stop, or if it comes after a leg that was not
+    /// measured and nothing else tells where it is.
     pub fn position(&self, stop: usize) -> Option<Point2<T>> {
         let stop = self.stops.all().get(stop)?;
         stop.is_placed.then_some(stop.place)
     }
 
-    /// Position of a camera that hangs upside down and would have the same bearings, from four on: they fit it as well as
-    /// the [pose](Self::pose) that is estimated. So it is where all stops are nearly on a line. `None` where the bearings
-    /// tell that the camera is upright, and of a camera that is not level: its rows tell.
+    /// Position of a camera that hangs upside down and has the same bearings, if these fit it as well as the estimated
+    /// [pose](Self::pose). So it is if all stops lie nearly on a line. It takes four bearings. `None` if the bearings
+    /// show that the camera is upright, or if it is not level: then its rows tell.
     pub fn mirrored(&mut self, camera: usize) -> Option<Point2<T>> {
         self.solved().ok()?.mirrored(camera)
     }
 
-    /// Systematic errors of the carrier. Nothing tells his scale but its prior where the baseline is not known.
+    /// Systematic errors of the carrier. If the baseline is not known, the scale is that of the prior.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve; [`Refusal::Undetermined`].
@@ -657,7 +653,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.common.undetermined
     }
 
-    /// Returns true if this camera's bearing at this stop came already.
+    /// Returns true if there is a bearing of this camera at this stop.
     pub fn has_bearing(&self, stop: usize, camera: usize) -> bool {
         let is_it = |sight: &Sight<T>| {
             usize::from(sight.stop) == stop
@@ -667,7 +663,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.sights.all().iter().any(is_it)
     }
 
-    /// Bearings of a camera: the number that came, and the number of these that count.
+    /// Number of bearings of a camera, and number of those that count.
     pub fn bearings_of(&self, camera: usize) -> [usize; 2] {
         let of = { self.sights.all().iter() }.filter(|sight| usize::from(sight.camera) == camera);
         let counting = of
@@ -676,7 +672,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         [of.count(), counting.count()]
     }
 
-    /// Number of bearings and ranges that are left out, and of legs.
+    /// Number of bearings and ranges that are left out, and number of legs.
     #[inline(never)] // for less flash
     pub fn left_out(&self) -> [usize; 2] {
         let bearings =
@@ -686,13 +682,13 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     }
 
     /// Returns true if so much was left out that the rest proves little: more than a fifth of all bearings or of all
-    /// legs, so that what remains may agree by being few; or the last bearings of this camera, several in a row: it may
-    /// have been moved, though it was not told as [moved](JointEstimator::moved).
+    /// legs, so that what is left agrees by being few; or several of the last bearings of this camera in a row, so that
+    /// it may have been moved without being found [moved](JointEstimator::moved).
     #[inline(never)] // for less flash
     pub fn is_selective(&self, camera: usize) -> bool {
         let mut latest = 0;
         for sight in self.sights.all() {
-            // A stop of which bearing and range are left out is one.
+            // A stop with both bearing and range left out counts once.
             if usize::from(sight.camera) == camera && sight.is_bearing() {
                 latest = if sight.standing == Standing::Counts {
                     0
@@ -708,8 +704,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             || is_much(slipped, self.stops.all().len())
     }
 
-    /// The move of a camera, if one was found. A leg that is found to have slipped may explain what looked like a
-    /// move: then it was none.
+    /// Move of a camera, if one was found. If a leg is found later that explains it, there is none.
     pub fn moved(&self, camera: usize) -> Option<Move> {
         let unknown = self.cameras.get(camera)?;
         Some(Move {
@@ -718,7 +713,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         })
     }
 
-    /// Stops at which both cameras saw the target. Three are enough for a frame between them.
+    /// Number of stops at which both cameras saw the target. Three give a frame between them.
     pub fn common_stops(&self, one: usize, other: usize) -> usize {
         let of = |camera: usize| {
             let sights = self.sights.all().iter();
@@ -729,9 +724,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             .count()
     }
 
-    /// Returns true if two faults cannot be told apart: the camera was moved for a while, or the way to where
-    /// it saw the target was not as measured. At stops between legs that are left out no other camera saw the
-    /// target.
+    /// Returns true if two faults cannot be told apart: either the camera was moved for a while, or the way to where it
+    /// saw the target was wrong. So it is if legs are left out and no other camera saw the target at the stops between
+    /// them.
     pub fn is_ambiguous(&self, camera: usize) -> bool {
         let is_cut = |stop: &Stop<T>| stop.standing != Standing::Counts;
         if !self.stops.all().iter().any(is_cut) {
@@ -759,22 +754,22 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         own >= IN_A_ROW && others == 0
     }
 
-    /// Returns true if the references' sightings gave a frame.
+    /// Returns true if the sightings of the references gave a frame.
     pub const fn is_started(&self) -> bool {
         self.common.is_started
     }
 
-    /// Stops so far.
+    /// Number of stops.
     pub fn stops(&self) -> usize {
         self.stops.len
     }
 
-    /// Bearings and ranges so far.
+    /// Number of bearings and ranges.
     pub fn bearings(&self) -> usize {
         self.sights.len
     }
 
-    /// The solved problem, for answers.
+    /// Returns the solved problem, to read answers from.
     fn solved(&mut self) -> Result<Problem<'_, T>, Refusal> {
         if self.work.is_under_way() {
             return Err(Refusal::DidNotConverge);
@@ -785,7 +780,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         Ok(self.work().1)
     }
 
-    /// Counts the measurements that came since the last round began.
+    /// Lets the measurements count that came since the last round began.
     fn count(&mut self) {
         let [stops, _, visits] = self.counted;
         self.counted = [self.stops.len, self.sights.len, self.visits.len];
@@ -840,18 +835,18 @@ fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointE
     Ok(())
 }
 
-/// Least standing sigma of a target, in roots of the square root of the last digit, cubed.
+/// Least standing sigma over the baseline, in units of the machine's epsilon to the power of 3/4.
 const LEAST_STANDING: f64 = 4.0;
 
-/// Standing sigma of a target, with its least value: right before a camera one bearing would else tell so
-/// much that single precision has no digits left for all others. The least value is a quarter of a millimetre
-/// of a baseline of ten metres there, and nothing in double precision.
+/// Returns the standing sigma of a target, or its least value if that is larger. Right before a camera, one bearing
+/// would tell so much that single precision has no digits left for the others. The least value is a quarter of a
+/// millimetre for a baseline of ten metres, and nothing in double precision.
 fn stands<T: Real>(standing: T, baseline: T) -> T {
     let root = T::default_epsilon().sqrt();
     standing.max(baseline * root * root.sqrt() * lit(LEAST_STANDING))
 }
 
-/// The last finding of a round, and how it ended.
+/// Last finding of a round, and the result of the round.
 type Finished<T> = (Option<Finding<T>>, Result<JointSolution<T>, JointError>);
 
 fn is_sigma<T: Real>(number: &T) -> bool {

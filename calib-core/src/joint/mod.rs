@@ -37,6 +37,9 @@
 //! that both references saw, dead reckoning, and for each camera the [consensus of
 //! three](crate::resection::solve_rejecting) as soon as it has seen enough.
 //!
+//! **A leg that was not measured cuts the walk in two.** The stops after it are placed as one part, so that the bearings of
+//! cameras with a pose, a range or a mark fit it best. Until something does, sightings at these stops do not count.
+//!
 //! # The models
 //! A bearing is `atan2(p - c) - heading` plus noise. If asked, each camera's focal length is estimated too
 //! ([`JointSettings::lens`]): then the tangent of that angle is the measured one's times a scale of which a

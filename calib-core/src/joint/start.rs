@@ -1,8 +1,8 @@
 //! Start of the passes: by closed forms, without a guess.
 //!
 //! Sightings by both references together give their headings and the place of one stop
-//! ([`reference`](crate::reference)); dead reckoning gives all other stops. Both solutions of a
-//! pair of circles are tried where the reference solve cannot tell them apart.
+//! ([`reference`](crate::reference)). All other stops are placed from there (`placing`). Both solutions
+//! of a pair of circles are tried where the reference solve cannot tell them apart.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 

@@ -1,8 +1,8 @@
-//! All unknowns at once, by the caller's solver: for walks that are too long to hold the kept part.
+//! Solve of all unknowns at once, by the caller's solver: for walks too long for the kept part.
 //!
-//! Rows are the same; their equations are sparse. A solver that knows how to order and factor such equations
-//! takes memory like measurements, where the kept part takes the square of the stops. Unknowns are numbered
-//! like the kept ones, then camera after camera.
+//! The rows are the same, as sparse equations. A solver that orders and factors them well takes memory in proportion to
+//! the measurements, where the kept part takes the square of the stops. The kept unknowns are numbered first, then
+//! those of each camera.
 
 use core::fmt;
 
@@ -15,34 +15,33 @@ use super::{
 };
 use crate::{Real, numerics::real::lit};
 
-/// Least squares over many unknowns, where each row has few of them.
+/// Solver of least squares with many unknowns and few of them in each row.
 pub trait Solver<T: Real>: fmt::Debug {
-    /// Forgets all rows. Unknowns come in groups that rows take together, of these sizes; those of the first group
-    /// are in most rows.
+    /// Forgets all rows. Unknowns come in groups of these sizes, whose members occur in the same rows. Unknowns of the
+    /// first group occur in most rows.
     fn begin(&mut self, groups: &mut dyn Iterator<Item = usize>);
 
-    /// A row: derivatives by unknowns, each at most once, and the residual.
+    /// Adds a row: its derivatives, at most one for each unknown, and its residual.
     fn row(&mut self, entries: &[(usize, T)], residual: T);
 
-    /// The step to the minimum: tells it number by number, zero for unknowns of which no row says anything, and by
-    /// how much it lowers the sum of the squared residuals. `None` where rows say something of an unknown and do not
-    /// determine it.
+    /// Calls `step` with each unknown and its step to the minimum; the step is zero for an unknown without rows.
+    /// Returns the fall of the sum of squared residuals. `None` if an unknown has rows that do not determine it.
     fn solve(&mut self, step: &mut dyn FnMut(usize, T)) -> Option<T>;
 
-    /// Makes [`covariance`](Self::covariance) ready.
+    /// Prepares [`covariance`](Self::covariance).
     fn invert(&mut self) -> Option<()>;
 
-    /// The covariance of two unknowns of one row.
+    /// Returns the covariance of two unknowns of one row.
     fn covariance(&self, i: usize, j: usize) -> Option<T>;
 
-    /// Columns of the covariance, one behind the other: of so many unknowns from this one on.
+    /// Returns `count` columns of the covariance from unknown `first` on, one after the other.
     fn columns(&mut self, first: usize, count: usize) -> Option<&[T]>;
 }
 
-/// Entries of a row at most.
+/// Most entries of a row.
 const MOST: usize = BLOCK + 6;
 
-/// A row under way.
+/// Row that is being made.
 struct Entries<T> {
     entries: [(usize, T); MOST],
     count: usize,
@@ -67,7 +66,7 @@ impl<T: Real> Entries<T> {
         self.entries.get(..self.count).unwrap_or_default()
     }
 
-    /// The variance that the estimates predict for the row.
+    /// Returns the variance of the prediction for the row.
     fn leverage(&self, solver: &dyn Solver<T>) -> Option<T> {
         self.product(self, solver)
     }
@@ -82,7 +81,7 @@ impl<T: Real> Entries<T> {
         Some(sum)
     }
 
-    /// Product of a column of the covariance and the row.
+    /// Returns the product of a column of the covariance and the row.
     fn along(&self, column: &[T]) -> T {
         self.all().iter().fold(T::zero(), |sum, (i, by)| {
             sum + column.get(*i).copied().unwrap_or_else(T::zero) * *by
@@ -91,7 +90,7 @@ impl<T: Real> Entries<T> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// First unknown of a camera that is not there: of axis zero, if that is none of its own.
+    /// Index of a camera's first unknown.
     fn of_camera(&self, camera: usize) -> usize {
         self.of_mark(self.marks.len()) + self.last_axis() * camera
     }
@@ -100,7 +99,7 @@ impl<T: Real> Problem<'_, T> {
         self.of_camera(self.cameras.len())
     }
 
-    /// With the solver taken out.
+    /// Calls a function with the solver taken out.
     pub(super) fn with_solver<R>(
         &mut self,
         work: impl FnOnce(&mut Self, &mut dyn Solver<T>) -> Option<R>,
@@ -293,7 +292,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The variance that the estimates predict for an excluded sight.
+    /// Returns the variance of the prediction for a sight that is left out.
     pub(super) fn whole_leverage(
         &mut self,
         camera: usize,
@@ -356,8 +355,8 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// For a test of a camera's last sights: the covariance of its unknowns, and with each of its sights' lines
-    /// the common error of a place and these.
+    /// Computes for a test of a camera's last sights: the covariance of its unknowns, and for each sight's line their
+    /// covariance with the place.
     pub(super) fn whole_inner(&mut self, camera: usize) -> Option<Block<T>> {
         self.with_solver(|problem, solver| {
             let unknowns = problem.unknowns();
@@ -387,7 +386,7 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// Priors of the carrier: unknown, residual and weight.
+    /// Priors of the carrier: index of the unknown, residual and weight.
     pub(super) fn carrier_priors(&self) -> [(usize, T, T); 2] {
         let common = &*self.common;
         [
@@ -395,7 +394,7 @@ impl<T: Real> Problem<'_, T> {
             (COMPASS, common.carrier.y, common.compass_prior),
         ]
         .map(|(i, value, prior)| {
-            // A scale that sets all lengths is told by nothing else.
+            // Only the prior tells a scale that sets all lengths.
             let pinned = if i == SCALE && !common.is_baseline_known {
                 lit(PINNED)
             } else {
@@ -406,15 +405,16 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
-    /// The strength from which on a bearing makes its camera suspect: of many, some are so far off by chance.
+    /// Returns the strength from which on a bearing makes its camera suspect. It grows with the number of sights: of
+    /// many, some are far off by chance.
     pub(super) fn suspicion(&self, least: f64) -> T {
         let count = u32::try_from(self.sights.len()).unwrap_or(u32::MAX);
         (T::whole(count) / lit(BY_CHANCE)).ln().max(lit(least))
     }
 }
 
-/// A scale that sets all lengths stays within its sigma over this.
+/// Factor by which the prior of a scale that sets all lengths is tightened.
 const PINNED: f64 = 30.0;
 
-/// Bearings that may make their cameras suspect by chance.
+/// Number of bearings that may make their cameras suspect by chance.
 const BY_CHANCE: f64 = 20.0;
