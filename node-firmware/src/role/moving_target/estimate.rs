@@ -677,11 +677,8 @@ impl<'m> Estimate<'m> {
             let Some(told) = self.told.get_mut(n).filter(|_| !camera.is_successor) else {
                 continue;
             };
-            if told.is_none() {
-                let entry = table.iter().find(|entry| entry.address == camera.address);
-                *told = entry.and_then(|entry| entry.report);
-            }
-            if let Some(report) = told
+            let entry = table.iter().find(|entry| entry.address == camera.address);
+            if let Some(mut report) = told.or_else(|| entry?.report)
                 && let CameraState::Calibrated(pose) | CameraState::Weak(pose) = report.state
                 && report.joint.is_some_and(|level| !level.is_none())
                 && came >= usize::from(report.sightings) + CONTRADICTING
@@ -689,6 +686,7 @@ impl<'m> Estimate<'m> {
                 report.duty = None;
                 report.joint = Some(ProtectionLevel::NONE);
                 report.state = CameraState::Weak(pose);
+                *told = Some(report);
                 self.news.mark(n);
             }
         }
