@@ -101,9 +101,8 @@ impl<T: Real> Problem<'_, T> {
     /// Way by which a part is to be moved, by a mark, by bearings or by a range.
     fn tie(&self, part: &Range<usize>) -> Option<Vector2<T>> {
         let of_mark = self.visits.iter().find_map(|visit| {
-            self.visited(visit.mark)?;
-            let mark = self.marks.get(usize::from(visit.mark))?;
-            Some(mark.place() - self.in_part(part, visit.stop)?)
+            let mark = self.visited(visit.mark)?;
+            Some(mark.coords - self.in_part(part, visit.stop)?)
         });
         of_mark
             .or_else(|| self.cross(part))

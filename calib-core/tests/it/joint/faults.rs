@@ -8,10 +8,10 @@ use calib_core::{
 use nalgebra::Point2;
 use test_support::{
     Random, generator,
-    walk::{CarrierErrors, Walk},
+    walk::{CarrierErrors, Visited, Walk},
 };
 
-use crate::joint::support::{CAMERAS, Joint, add, filled, filled_without_leg};
+use crate::joint::support::{CAMERAS, Joint, add, filled, filled_without_legs};
 
 const LIMITS: Limits<f64> = Limits {
     position: 0.5,
@@ -384,7 +384,7 @@ fn a_walk_in_two_parts_has_a_start() {
             let mut walk = walk(seed);
             walk.bearings
                 .retain(|seen| seen.stop < lost || seen.camera >= 2);
-            let mut joint = filled_without_leg::<f32>(&walk, LIMITS, lost);
+            let mut joint = filled_without_legs::<f32>(&walk, LIMITS, &[lost]);
             if !ends(&mut joint) {
                 continue;
             }
@@ -403,6 +403,34 @@ fn a_walk_in_two_parts_has_a_start() {
     assert_eq!(off, 0);
     assert!(placed >= tried - 2, "{placed} of {tried}");
     assert!(10 * poses[0] >= 9 * poses[1], "{poses:?}");
+}
+
+/// Two legs were not measured. A mark ties the last part to the one before it, which has its place only since the same
+/// look.
+#[test]
+fn a_mark_ties_a_part_to_one_that_was_just_placed() {
+    let mut off = 0;
+    for seed in 0..24 {
+        let mut walk = walk(seed);
+        let (first, again) = (12, 20);
+        walk.places[again] = walk.places[first];
+        let mut rng: Random = generator(seed);
+        walk = Walk::measured(&mut rng, walk.cameras, walk.places, walk.errors, 0.0024);
+        for stop in [first, again] {
+            let (mark, sigma) = (0, 0.01);
+            walk.visits.push(Visited { stop, mark, sigma });
+        }
+        // References see the first part alone.
+        walk.bearings
+            .retain(|seen| seen.stop < 9 || seen.camera >= 2);
+        let poses = [&[9, 18][..], &[]].map(|lost| {
+            let mut joint = filled_without_legs::<f32>(&walk, LIMITS, lost);
+            assert!(ends(&mut joint), "{seed}, {lost:?}");
+            right_poses(&mut joint, &walk, &mut off)
+        });
+        assert!(poses[0] >= poses[1], "{seed}: {poses:?}");
+    }
+    assert_eq!(off, 0);
 }
 
 /// Number of cameras with a pose; adds those that err by more than 5 sigmas.

@@ -72,15 +72,15 @@ pub(crate) fn filled_with<T: Real>(
     joint
 }
 
-/// The same without the way to one stop: it was not measured.
-pub(crate) fn filled_without_leg<T: Real>(
+/// The same without the ways to some stops: these were not measured.
+pub(crate) fn filled_without_legs<T: Real>(
     walk: &Walk,
     limits: Limits<f64>,
-    lost: usize,
+    lost: &[usize],
 ) -> Joint<T> {
     let mut joint = empty(walk, limits, [walk.cameras[1].x; 2]);
     for stop in 0..walk.places.len() {
-        add_after(&mut joint, walk, stop, stop > 0 && stop != lost);
+        add_after(&mut joint, walk, stop, stop > 0 && !lost.contains(&stop));
     }
     joint
 }
