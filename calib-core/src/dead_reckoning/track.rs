@@ -360,6 +360,16 @@ impl<T: Real> Track<T> {
         self.reckoned().covariance_with(&other.reckoned())
     }
 
+    /// A copy of this track from before it came this way: [`since`](Self::since) that copy it came as far, with the
+    /// covariance of `way` and the systematic one of the present fix.
+    #[must_use]
+    pub fn before(&self, way: &Displacement<T>) -> Self {
+        let mut before = *self;
+        before.since_fix.walked -= way.vector;
+        before.since_fix.random -= way.covariance;
+        before
+    }
+
     /// The way from an earlier copy of this track to here, by the steps alone. None if the target
     /// was found in between: a fix makes it forget the way before.
     pub fn since(&self, earlier: &Self) -> Option<Displacement<T>> {

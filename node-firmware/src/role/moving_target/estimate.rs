@@ -37,6 +37,9 @@ use super::{
     table::{CameraEntry, Table},
 };
 
+#[cfg(test)]
+mod tests;
+
 /// Cameras that take part.
 pub const CAMERAS: usize = ESTIMATED_CAMERAS;
 /// Numbers in the workspace of the estimator.
@@ -198,6 +201,8 @@ pub(super) struct Estimate<'m> {
     /// True if something was measured since the last solve.
     pub(super) is_new: bool,
     sizes: Sizes,
+    /// Last stop that counts in the round under way, or in the last one.
+    round: Option<StopNumber>,
     /// Stops in a row without a result, and the last of them.
     unsolved: (u8, Option<StopNumber>),
 }
@@ -232,6 +237,7 @@ impl<'m> Estimate<'m> {
             sensor: None,
             is_new: false,
             sizes: Sizes::default(),
+            round: None,
             unsolved: (0, None),
         })
     }
@@ -527,6 +533,8 @@ impl<'m> Estimate<'m> {
         let begins = !self.wants_frame() && core::mem::take(&mut self.is_new);
         if begins {
             self.forget_past(unsaved);
+            let last = self.estimator.stops().checked_sub(1);
+            self.round = last.and_then(|last| self.stop_number(last));
             self.estimator.begin(ROUND);
         }
         begins
@@ -568,11 +576,11 @@ impl<'m> Estimate<'m> {
             }
             Ok(Progress::Over(solution)) => {
                 let answers = self.answers(&solution, table);
-                let last = self.estimator.stops().checked_sub(1);
-                if last.is_some_and(|last| self.estimator.place(last).is_ok()) {
-                    self.unsolved = (0, None);
-                } else {
-                    self.on_unsolved(table);
+                // A stop that came meanwhile is of the next round.
+                match self.round.and_then(|stop| self.index(stop)) {
+                    Some(last) if self.estimator.place(last).is_ok() => self.unsolved = (0, None),
+                    Some(_) => self.on_unsolved(table),
+                    None => {}
                 }
                 Some(answers)
             }
@@ -588,7 +596,12 @@ impl<'m> Estimate<'m> {
                     }
                 }
                 debug!("nothing that was measured can be estimated together");
-                if !matches!(error, JointError::Start(Refusal::TooFew)) {
+                // So ends a round that was given up, too.
+                let is_too_early = matches!(
+                    error,
+                    JointError::Start(Refusal::TooFew) | JointError::Solve(Refusal::TooFew)
+                );
+                if !is_too_early {
                     self.on_unsolved(table);
                 }
                 Some(None)
@@ -662,11 +675,9 @@ impl<'m> Estimate<'m> {
     // for less stack
     #[inline(never)]
     fn on_unsolved(&mut self, table: &Table) {
-        let last = self.estimator.stops().checked_sub(1);
-        let stop = last.and_then(|last| self.stop_number(last));
         let (count, before) = &mut self.unsolved;
-        if *before != stop {
-            *before = stop;
+        if *before != self.round {
+            *before = self.round;
             *count = count.saturating_add(1);
         }
         if *count < UNSOLVED {

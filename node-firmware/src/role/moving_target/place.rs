@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use calib_core::{
     Status, angle,
-    dead_reckoning::{Place, Step, Systematic, Track, TrackError},
+    dead_reckoning::{Displacement, Place, Step, Systematic, Track, TrackError},
     fit::Fit,
     intersection,
 };
@@ -127,6 +127,7 @@ impl TargetRole<'_> {
             return;
         };
         let covariance = covariance + angle::turned(&since.covariance, &turn);
+        let walked = self.track.since(&self.at_stop);
         let found = self.track.relocate(
             position + turn * since.vector,
             symmetric(covariance),
@@ -135,7 +136,13 @@ impl TargetRole<'_> {
         if found.is_err() {
             return;
         }
-        self.at_stop = self.track;
+        // It may have left its stop: a further estimate of the stop adds the same way.
+        self.at_stop = walked.map_or(self.track, |walked| {
+            self.track.before(&Displacement {
+                vector: turn * walked.vector,
+                covariance: angle::turned(&walked.covariance, &turn),
+            })
+        });
         self.stood.clear();
         self.located = true;
         self.is_heading_provisional = false;
@@ -254,7 +261,7 @@ impl TargetRole<'_> {
     }
 
     /// Takes the place of this target and the scale of its step sensor from the joint estimate.
-    fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
+    pub(super) fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
         // It stands elsewhere by now: the next round has that stop.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
         // If the sensor failed, or it restarted, the way since then is unknown too.

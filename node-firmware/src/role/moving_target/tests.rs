@@ -2,7 +2,7 @@ use std::f32::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Point2};
 
-use super::{confirmations::SETTLE, *};
+use super::{confirmations::SETTLE, estimate::Estimated, *};
 use crate::network::NetworkIdentity;
 use crate::{
     config::{LensSigma, SensorConfig, SurveySigma},
@@ -699,6 +699,35 @@ fn a_target_that_is_found_while_it_walks_writes_where_it_is() {
     assert!(walk.located && !walk.standing);
     assert_eq!(walk.frame_heading, Some(FRAC_PI_2));
     assert!((walk.place.position() - Point2::new(3.0, 5.0)).norm() < 1e-5);
+}
+
+/// Its stop is estimated twice while it walks on: each time it is where it walked to since it left.
+#[test]
+fn a_stop_that_is_estimated_again_takes_nothing_from_the_way_since() {
+    let mut target = standing();
+    target.estimate = Some(history::tests::estimate());
+    let stop = target.stop;
+    if let Some(estimate) = &mut target.estimate {
+        estimate.on_stop(stop, &mut target.unsaved);
+    }
+    let estimated = |x: f32| Estimated {
+        stop,
+        position: Point2::new(x, 4.0),
+        covariance: Matrix2::from_diagonal_element(0.01),
+        frame_heading: (FRAC_PI_2, 0.01),
+        scale: (1.0, 0.01),
+    };
+    for (x, walked) in [(3.0, 1.0), (3.5, 2.0), (3.25, 3.0)] {
+        step(&mut target, at(3));
+        target.on_estimated(at(3), &estimated(x));
+        let off = target.track.position() - Point2::new(x, 4.0 + walked);
+        assert!(off.norm() < 1e-5, "{:?}", target.track.position());
+    }
+    // The steps have no error of their own.
+    let place = target.place().unwrap();
+    let across = 0.01 + 9.0 * (OWN * OWN + 0.01 * 0.01) + STANDING * STANDING;
+    let found = place.covariance().m11;
+    assert!((0.01..across).contains(&found), "{found}, {across}");
 }
 
 /// Cameras may be others, or have begun anew.

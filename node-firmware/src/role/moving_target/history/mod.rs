@@ -120,7 +120,7 @@ impl Estimate<'_> {
         }
     }
 
-    fn remove_stop(&mut self, stop: usize, unsaved: &mut Unsaved) -> bool {
+    pub(super) fn remove_stop(&mut self, stop: usize, unsaved: &mut Unsaved) -> bool {
         // Its own record, and that of the next one, whose leg begins elsewhere then.
         for tag in self.estimator.tags().skip(stop).take(2) {
             unsaved.insert(stop_record(tag.slot.into()));
@@ -348,4 +348,4 @@ impl TargetRole<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(in crate::role::moving_target) mod tests;

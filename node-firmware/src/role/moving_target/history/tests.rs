@@ -14,7 +14,7 @@ use crate::{
     role::moving_target::estimate::{CAMERAS, EstimateMemory, WORKSPACE},
 };
 
-fn estimate() -> Estimate<'static> {
+pub(in crate::role::moving_target) fn estimate() -> Estimate<'static> {
     let memory = EstimateMemory {
         cameras: Box::leak(Box::new([UnknownStorage::default(); CAMERAS])),
         stops: Box::leak(Box::new([StopStorage::default(); ESTIMATED_STOPS])),
