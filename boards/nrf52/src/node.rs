@@ -116,7 +116,14 @@ pub async fn begin(
     let (config, steps, liveness) = match begun {
         Ok(begun) => begun,
         Err(error) => {
-            spawn(spawner, watchdog::feed_always(board.watchdog));
+            // An image on trial that cannot use the configuration is not fed: the one before it comes back.
+            #[cfg(feature = "update")]
+            let may_go_back = start::is_on_trial(&mut flash, facts);
+            #[cfg(not(feature = "update"))]
+            let may_go_back = false;
+            if !may_go_back {
+                spawn(spawner, watchdog::feed_always(board.watchdog));
+            }
             start::stop(error).await
         }
     };

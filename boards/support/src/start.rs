@@ -60,6 +60,15 @@ pub fn updates<F: ReadNorFlash>(
     })
 }
 
+/// Returns true if the image runs on trial: without the node's confirmation the next start goes back to the one before.
+#[cfg(feature = "update")]
+pub fn is_on_trial<F: ReadNorFlash>(flash: &mut F, board: &Board) -> bool {
+    let mut word = [0; 4];
+    let state = { board.updated.as_ref() }.map(|parts| parts.state.start);
+    state.is_some_and(|at| flash.read(at, &mut word).is_ok())
+        && radio_update::receiver::is_on_trial(&word)
+}
+
 /// Cause of a start, as the chip tells it.
 #[derive(Clone, Copy)]
 pub struct Cause {

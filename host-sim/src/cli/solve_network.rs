@@ -1,7 +1,7 @@
 //! `host-sim solve-network`
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     io::{self, BufRead, BufWriter, Read, Write},
     path::{Path, PathBuf},
     process::ExitCode,
@@ -408,11 +408,13 @@ fn read_besides(sightings: &mut Sightings, arguments: &Arguments) -> anyhow::Res
             rows::legs(input, arguments.displacement_sigma)
         })?;
     }
+    let targets: BTreeSet<_> = sightings.bearings.iter().map(|seen| seen.target).collect();
+    let only = targets.first().copied().filter(|_| targets.len() == 1);
     if let Some(path) = &arguments.ranges {
-        sightings.ranges = read(path, rows::ranges)?;
+        sightings.ranges = read(path, |input| rows::ranges(input, only))?;
     }
     if let Some(path) = &arguments.visits {
-        sightings.visits = read(path, rows::visits)?;
+        sightings.visits = read(path, |input| rows::visits(input, only))?;
     }
     Ok(())
 }

@@ -59,7 +59,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
     /// Only these nodes, by their numbers; 0 is the coordinator. Can be given several times.
-    #[arg(long, value_name = "ID", value_parser = values::whole(1, u16::MAX))]
+    #[arg(long, value_name = "ID", value_parser = values::whole(0, u16::MAX))]
     node: Vec<u16>,
     /// Bits per second.
     #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = values::whole(1, u32::MAX))]

@@ -86,6 +86,9 @@ pub enum Failure {
          of this version"
     )]
     Garbage,
+    /// Text came.
+    #[error("what comes is text, so no coordinator talks here: take the port of the coordinator")]
+    Text,
     /// Commands of the camera came.
     #[error(
         "this node talks to a camera here: its role is camera, not coordinator; take the port of \
@@ -201,6 +204,8 @@ pub struct Session {
     bytes: usize,
     /// Number of these bytes that are text.
     text: usize,
+    /// Number of these bytes that a node sends to a CMUcam2.
+    commands: usize,
     /// Number of frames that were no messages.
     damaged: u64,
     harm: Harm,
@@ -265,6 +270,7 @@ impl Session {
             lost: false,
             bytes: 0,
             text: 0,
+            commands: 0,
             damaged: 0,
             harm: Harm::default(),
             is_between: true,
@@ -329,6 +335,9 @@ impl Session {
             self.bytes += 1;
             if matches!(byte, b' '..=b'~' | b'\r' | b'\n') {
                 self.text += 1;
+            }
+            if matches!(byte, b'A'..=b'Z' | b'0'..=b'9' | b' ' | b'\r') {
+                self.commands += 1;
             }
             match self.frames.push(byte) {
                 Some(message) => self.take(now, &message),
@@ -571,7 +580,8 @@ impl Session {
     pub fn why_nothing(&self) -> Failure {
         match (self.bytes, self.text) {
             (0, _) => Failure::Silence,
-            (bytes, text) if bytes == text => Failure::CameraNode,
+            (bytes, _) if bytes == self.commands => Failure::CameraNode,
+            (bytes, text) if bytes == text => Failure::Text,
             _ => Failure::Garbage,
         }
     }
@@ -772,6 +782,8 @@ mod tests {
         for (bytes, failure) in [
             (&b""[..], Failure::Silence),
             (b"GV\rRS\r", Failure::CameraNode),
+            (b"$GPGGA,101,4807.0,N\r\n", Failure::Text),
+            (b"raspberrypi login: ", Failure::Text),
             (b"\xF8\x80\x00\x1C", Failure::Garbage),
         ] {
             let mut session = Session::new([]);

@@ -31,7 +31,7 @@ use axum::{
     routing::{get, post},
 };
 use results::record::event::Event;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use tokio::sync::{mpsc as channel, watch};
 use tokio_stream::wrappers::ReceiverStream;
 use tracing::{field::display, info, warn};
@@ -54,6 +54,7 @@ pub enum Command {
     /// A simulation runs at so many times real time; 0 for as fast as possible.
     Speed {
         /// Number of times.
+        #[serde(deserialize_with = "number")]
         times: f64,
     },
     /// A node restarts.
@@ -66,11 +67,13 @@ pub enum Command {
         /// Number of the camera's node.
         node: u16,
         /// Duration of the unplugging.
+        #[serde(deserialize_with = "number")]
         seconds: f64,
     },
     /// A carrier covers all channels.
     Jam {
         /// Duration of the jamming.
+        #[serde(deserialize_with = "number")]
         seconds: f64,
     },
     /// A target's step sensor adds an error to each distance.
@@ -78,8 +81,10 @@ pub enum Command {
         /// Number of the target.
         node: u16,
         /// Duration of the error.
+        #[serde(deserialize_with = "number")]
         seconds: f64,
         /// Error as a share of the distance.
+        #[serde(deserialize_with = "number")]
         share: f64,
     },
     /// A camera is moved.
@@ -87,8 +92,10 @@ pub enum Command {
         /// Number of the camera.
         node: u16,
         /// Displacement.
+        #[serde(deserialize_with = "numbers")]
         by: [f64; 2],
         /// Turn, degrees counter-clockwise.
+        #[serde(deserialize_with = "number")]
         turn_deg: f64,
     },
     /// New nodes may join.
@@ -108,6 +115,24 @@ pub enum Command {
         /// The command as on the command line of `host-sim console`.
         command: String,
     },
+}
+
+/// Takes a fraction also where a build of `serde_json` keeps the digits of numbers (its feature `arbitrary_precision`):
+/// fields of an enum with a tag are buffered, and there such a number is a map.
+fn number<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    as_f64(&serde_json::Number::deserialize(from)?)
+}
+
+/// Takes several [`number`]s.
+fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
+    let [x, y] = <[serde_json::Number; 2]>::deserialize(from)?;
+    Ok([as_f64(&x)?, as_f64(&y)?])
+}
+
+fn as_f64<E: serde::de::Error>(number: &serde_json::Number) -> Result<f64, E> {
+    number
+        .as_f64()
+        .ok_or_else(|| E::custom(format_args!("{number} is too large")))
 }
 
 /// Facts about the server that the page needs.
@@ -512,4 +537,42 @@ async fn design(
 /// Writes the file, or answers with its text.
 async fn save(State(server): State<Server>, asked: Result<Json<Asked>, JsonRejection>) -> Response {
     about_layout(server, asked, Editing::save).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Also in a build that keeps the digits of numbers.
+    #[test]
+    fn commands_have_fractions() {
+        let command = |text: &str| serde_json::from_str::<Command>(text);
+        let drift = r#"{"do":"drift","node":8,"seconds":2.5,"share":0.10}"#;
+        let expected = Command::Drift {
+            node: 8,
+            seconds: 2.5,
+            share: 0.1,
+        };
+        assert_eq!(command(drift).unwrap(), expected);
+        let moved = r#"{"do":"move","node":3,"by":[0.5,-2],"turn_deg":1e1}"#;
+        let expected = Command::Move {
+            node: 3,
+            by: [0.5, -2.0],
+            turn_deg: 10.0,
+        };
+        assert_eq!(command(moved).unwrap(), expected);
+        for command in [
+            expected,
+            Command::Speed { times: 2.5 },
+            Command::Unplug {
+                node: 1,
+                seconds: 0.25,
+            },
+            Command::Jam { seconds: 0.5 },
+        ] {
+            let text = serde_json::to_string(&command).unwrap();
+            assert_eq!(serde_json::from_str::<Command>(&text).unwrap(), command);
+        }
+        assert!(command(r#"{"do":"speed","times":"fast"}"#).is_err());
+    }
 }

@@ -212,10 +212,9 @@ impl Broker {
     fn closed(&self) -> String {
         let at = self.address();
         let why = if self.is_secure {
-            "is another program there with the same name, --name?"
+            "is this its port for secure connections, and has another program the same name?"
         } else {
-            "is another program there with the same name, --name, does it ask for a user, or for a secure connection \
-             (mqtts://)?"
+            "has another program the same name, does it ask for a user, or for a secure connection (mqtts://)?"
         };
         format!("the broker at {at} closed the connection: {why}")
     }

@@ -97,8 +97,9 @@ const SECOND: Time = 1_000_000_000;
 
 /// Time for reports to come in after the last target has ended its walk.
 const GRACE: Time = 5 * SECOND;
-/// Longest silence of an update that goes on: a boot loader changes images meanwhile, and the node joins again.
-const UPDATE: Time = 60 * SECOND;
+/// Longest silence of an update that goes on: a boot loader changes images meanwhile, and the node joins again. The PC
+/// asks a node that is silent again within 90 s.
+const UPDATE: Time = 150 * SECOND;
 /// Period with which the flash of chips is read, so that facts that they overwrite later are known too.
 const CHIPS_READ: Time = SECOND / 5;
 

@@ -271,6 +271,7 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
         "minus.csv",
         "stop,camera,bearing_deg,sigma_deg\n1,1,3.0,-1\n",
     );
+    let whose = files.write("whose.csv", "stop,camera,range,sigma\n99,1,3.0,0.1\n");
     let nobody = files.write("nobody.csv", "stop,camera,range,sigma\n2,7,3.0,0.1\n");
     let many = files.write("many.csv", "stop,camera,bearing_deg\n1,70000,3.0\n");
     let legs = files.write("legs.csv", &legs());
@@ -319,6 +320,10 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
         (
             vec![&good[..], "--ranges", &nobody],
             "has no bearing of camera 7, but a range of it at stop 2",
+        ),
+        (
+            vec![&good[..], "--ranges", &whose],
+            "a range is of stop 99 of target 1, which nothing else is of",
         ),
         (vec![&many[..]], "a whole number from 0 to 65535"),
         (vec![&typing[..]], "typing.json:3: "),

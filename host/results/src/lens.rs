@@ -53,8 +53,18 @@ struct Pooled {
 /// Unknowns of a pose.
 const POSE: usize = 3;
 
-/// Rounds of "stretch all rays, solve all cases again".
-const ROUNDS: usize = 4;
+/// Rounds of "stretch all rays, solve all cases again", at most.
+const ROUNDS: usize = 30;
+/// A stretch that changes by no more than this is found.
+const FOUND: f64 = 1e-7;
+/// Least and largest stretch.
+const STRETCHES: [f64; 2] = [-0.8, 5.0];
+/// Stretches from which that of a lens is sought that is not as told.
+const STARTS: [f64; 7] = [0.0, -0.3, 0.4, -0.55, 1.0, 2.0, 3.5];
+/// Prior of a lens that is not as told: of its focal length nothing is known.
+const ANY: f64 = 10.0;
+/// Cases with which all starts are tried.
+const TRIED: usize = 200;
 
 /// The lens that fits best, if the given one does not, or that all is mirrored. With the other one chi squared is less by more than
 /// chance takes off in one of a thousand recordings. `None` also where too little is recorded to
@@ -69,7 +79,12 @@ pub fn check(
         .cases()
         .filter(|(_, case)| case.unreadable == 0 && case.sightings.len() >= 4)
         .map(|(_, case)| &case.sightings[..])
-        .filter(|sightings| resection::solve(sightings).is_ok())
+        .filter(|sightings| {
+            STARTS.iter().any(|start| {
+                let stretched = |ray: Ray<f64>| ray.stretched(camera.projection(), 1.0 + start);
+                resection::solve(&changed(sightings, stretched)).is_ok()
+            })
+        })
         .collect();
     if cases.is_empty() {
         return None;
@@ -90,9 +105,26 @@ pub fn check(
     }
     let half_view = field_of_view / 2.0;
     let given = camera.projection();
-    let candidates = [Projection::PinHole, Projection::EqualAngle].map(|projection| {
-        let decoded = move |ray: Ray<f64>| ray.decoded(given, projection, half_view);
-        (projection, pooled(&cases, decoded, projection, prior_sigma))
+    let decoded =
+        |projection| move |ray: Ray<f64>| ray.decoded(given, projection, half_view);
+    let projections = [Projection::PinHole, Projection::EqualAngle];
+    let near = projections.map(|projection| {
+        let lens = (projection, prior_sigma);
+        pooled(&cases, decoded(projection), lens, 0.0).chi_squared
+    });
+    // A right lens is as good as the best one near it but for chance.
+    let is_better = |chi_squared: f64| as_given - chi_squared > one_in_a_thousand::<f64>(1);
+    if !(as_given > most || near.into_iter().any(is_better)) {
+        return None;
+    }
+    // It is another one, so that what was told of it tells nothing.
+    let few = cases.get(..TRIED).unwrap_or(&cases);
+    let candidates = projections.map(|projection| {
+        let (lens, decoded) = ((projection, ANY), decoded(projection));
+        let starts = STARTS.map(|start| pooled(few, decoded, lens, start));
+        let best = { starts.iter() }.min_by(|a, b| a.chi_squared.total_cmp(&b.chi_squared));
+        let start = best.map_or(0.0, |best| best.stretch);
+        (projection, pooled(&cases, decoded, lens, start))
     });
     // Another projection has to be better than the same with another focal length.
     let cost = |(projection, pooled): &(Projection, Pooled)| {
@@ -105,8 +137,7 @@ pub fn check(
     };
     let [a, b] = candidates;
     let (projection, best) = if cost(&a) <= cost(&b) { a } else { b };
-    // A right lens is as good as the best one but for chance.
-    if !(as_given - best.chi_squared > one_in_a_thousand::<f64>(1)) {
+    if !is_better(best.chi_squared) {
         return None;
     }
     // A lens that does not fit either explains nothing.
@@ -153,11 +184,11 @@ fn total(cases: &[&[Sighting<f64>]], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> f64 
 fn pooled(
     cases: &[&[Sighting<f64>]],
     decoded: impl Fn(Ray<f64>) -> Ray<f64>,
-    projection: Projection,
-    prior_sigma: f64,
+    (projection, prior_sigma): (Projection, f64),
+    start: f64,
 ) -> Pooled {
     let prior = prior_sigma.powi(-2);
-    let (mut stretch, mut sigma) = (0.0, prior_sigma);
+    let (mut stretch, mut sigma) = (start, prior_sigma);
     for _ in 0..ROUNDS {
         let (mut information, mut pull) = (prior, -stretch * prior);
         for case in cases {
@@ -175,8 +206,15 @@ fn pooled(
                 pull += fit.stretch * of_case;
             }
         }
-        stretch = (stretch + pull / information).clamp(-0.5, 1.0);
-        sigma = information.powf(-0.5);
+        let [least, most] = STRETCHES;
+        let before = stretch;
+        // The rays have the stretch so far already.
+        let factor = (1.0 + stretch) * (1.0 + pull / information);
+        stretch = (factor - 1.0).clamp(least, most);
+        sigma = (1.0 + stretch) * information.powf(-0.5);
+        if (stretch - before).abs() < FOUND {
+            break;
+        }
     }
     Pooled {
         stretch,

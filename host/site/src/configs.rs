@@ -95,6 +95,13 @@ impl NetworkTable {
         }
     }
 
+    /// Distance of its configured references by their places, above zero.
+    pub fn baseline(&self) -> Option<f64> {
+        let place = |id| self.camera(id).and_then(PlacedCamera::place);
+        let [first, second] = self.references.cameras.map(place);
+        Some((second? - first?).norm()).filter(|distance| *distance > 0.0)
+    }
+
     /// Its frame in the building, as [`NetworkTable::frame_between`] its configured references.
     pub fn building_frame(&self) -> Option<Frame> {
         self.frame_between(self.references.cameras)

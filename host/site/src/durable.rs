@@ -1,7 +1,7 @@
 //! Files that are whole and stay, even if the power goes at once.
 
 use std::{
-    fs::File,
+    fs::{File, Metadata},
     io::{self, ErrorKind, Write},
     path::Path,
 };
@@ -54,6 +54,18 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
         }
         done => done,
     }
+}
+
+/// Returns true if only its owner may read or write a file, as far as the system tells.
+#[cfg_attr(not(unix), expect(unused_variables, reason = "other systems do not tell"))]
+pub(crate) fn is_private(known: &Metadata) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        known.permissions().mode() & 0o077 == 0
+    }
+    #[cfg(not(unix))]
+    true
 }
 
 /// Writes a file that only its owner may read, in whole or not at all. One that exists is replaced or, without

@@ -159,8 +159,8 @@ pub enum ScenarioError {
     },
     /// A camera has too few places in view.
     #[error(
-        "no {stops} stops can be planned in view of camera {camera}: look at its `range`, at \
-         `world.low` and `world.high`, at its network's `area` and at obstacles"
+        "no {stops} stops can be planned in view of camera {camera}: look at its `heading_deg` and `pitch_deg`, at its \
+         `range`, at `world.low` and `world.high`, at its network's `area` and at obstacles"
     )]
     Unseen {
         /// Number of the camera's node.

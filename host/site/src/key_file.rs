@@ -116,12 +116,8 @@ fn contents(path: &Path, kind: Kind) -> Result<Vec<u8>, KeyFileError> {
     if !known.is_file() || known.len() > LENGTH_MAX {
         return Err(KeyFileError::NoKey(kind, "it is no file of one line"));
     }
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        if known.permissions().mode() & 0o077 != 0 {
-            return Err(KeyFileError::Public);
-        }
+    if !durable::is_private(&known) {
+        return Err(KeyFileError::Public);
     }
     fs::read(path).map_err(unreadable)
 }

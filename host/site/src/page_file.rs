@@ -25,6 +25,12 @@ pub enum PageFileError {
     /// The operating system's answer.
     #[error("it cannot be read")]
     Read(#[source] io::Error),
+    /// It is not only its owner's.
+    #[error(
+        "others may read it, and it holds the site's key: type `chmod 600` and its name if no one did, or change \
+         the key"
+    )]
+    Public,
     /// Its bytes are wrong.
     #[error("it is no page for a node: {0}")]
     Page(PageError),
@@ -48,8 +54,13 @@ const MOST: u64 = 1 << 16;
 /// [`PageFileError`]
 pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
     let mut bytes = Vec::new();
+    let file = File::open(path).map_err(PageFileError::Read)?;
+    let known = file.metadata().map_err(PageFileError::Read)?;
+    if known.is_file() && !durable::is_private(&known) {
+        return Err(PageFileError::Public);
+    }
     // A device may have no end.
-    let read = File::open(path).and_then(|file| file.take(MOST).read_to_end(&mut bytes));
+    let read = file.take(MOST).read_to_end(&mut bytes);
     read.map_err(PageFileError::Read)?;
     let config = page::decode(&bytes).map_err(PageFileError::Page)?;
     let rest = bytes.get(PAGE_MAX..).unwrap_or_default();
@@ -108,6 +119,24 @@ mod tests {
         for wrong in [&spoilt[..], &bytes[..bytes.len() - 1]] {
             std::fs::write(&path, wrong).unwrap();
             assert!(matches!(read(&path), Err(PageFileError::Length(_))));
+        }
+    }
+
+    /// It holds the site's key, and others could change it.
+    #[cfg(unix)]
+    #[test]
+    fn a_page_that_others_may_read_is_refused() {
+        use std::os::unix::fs::PermissionsExt;
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("node.page.bin");
+        let role = RoleConfig::Coordinator(CoordinatorConfig::default());
+        let config = Config::new(7, SiteKey::new(1, *b"0123456789abcdef"), role);
+        write(&path, &config.check().unwrap(), None, false).unwrap();
+        for (mode, is_refused) in [(0o600, false), (0o640, true), (0o602, true)] {
+            std::fs::set_permissions(&path, PermissionsExt::from_mode(mode)).unwrap();
+            let refused = matches!(read(&path), Err(PageFileError::Public));
+            assert_eq!(refused, is_refused, "{mode:o}");
         }
     }
 }

@@ -39,8 +39,8 @@ impl ScatterTable {
 impl Scenario {
     /// The site as it may really be, and put up: each camera stands as far from where the file has it
     /// as [`Scenario::scatter`] says, by normal distributions drawn from the seed, and other stops are
-    /// planned. All else follows: the frame of the network, and the references' distance unless the
-    /// file states it. A place outside of the world, or beyond an obstacle, is drawn again; all of
+    /// planned. All else follows: the frame of the network, and the references' distance; one that the file states
+    /// errs by as much as before, relative to it. A place outside of the world, or beyond an obstacle, is drawn again; all of
     /// them are, ten times at most, where no stops can be planned.
     ///
     /// # Errors
@@ -99,6 +99,13 @@ impl Scenario {
                 return Err(refuse("scatter.position", by.position, allowed));
             };
             (camera.x, camera.y) = (Some(place.x), Some(place.y));
+        }
+        for (moved, planned) in site.networks.iter_mut().zip(&self.networks) {
+            if let (Some(before), Some(now)) = (planned.baseline(), moved.baseline())
+                && let Some(told) = &mut moved.references.baseline
+            {
+                *told *= now / before;
+            }
         }
         Ok(site)
     }

@@ -43,6 +43,11 @@ pub struct Own {
     pub key: Option<Key>,
 }
 
+/// Returns true if the first word of the boot loader's state says that the image runs on trial.
+pub fn is_on_trial(word: &[u8]) -> bool {
+    State::from(word) == State::Swap
+}
+
 /// Request of a packet to the receiver's user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reaction {
@@ -182,12 +187,12 @@ impl<F: NorFlash> Receiver<F> {
         let state = self.state(None).await?;
         let read = self.flash.read(self.layout.header.start, &mut self.header);
         read.await.map_err(|_| Failed)?;
-        let key = self.own.key;
-        let header =
-            header_of(&self.header).filter(|header| key.is_some_and(|key| header.is_signed(&key)));
-        let is_installed =
-            header.is_some_and(|header| header.stamp.version == self.own.stamp.version);
-        let is_newer = header.is_some_and(|header| header.stamp.version > self.own.stamp.version);
+        let own = self.own;
+        let header = header_of(&self.header)
+            .filter(|header| own.key.is_some_and(|key| header.is_signed(&key)));
+        let is_installed = header.is_some_and(|header| header.stamp.version == own.stamp.version);
+        // The node may have another role, or another key, than when it took the header.
+        let is_newer = header.is_some_and(|header| self.refusal(&header).is_none());
         if let Some(header) = header {
             self.package = header.package();
             self.header_length = header.length_of_header();
@@ -364,20 +369,11 @@ impl<F: NorFlash> Receiver<F> {
     }
 
     /// Judges a header that is whole.
-    async fn accept(&mut self) -> Result<(), Failed> {
-        let own = self.own;
+    /// Reason why this node does not take the image of a header.
+    fn refusal(&self, header: &Header<'_>) -> Option<Phase> {
+        let (own, stamp) = (&self.own, header.stamp);
         let room = self.layout.spare.len().saturating_sub(PAGE);
-        let Some(header) = self
-            .parsed()
-            .filter(|header| header.package() == self.package)
-        else {
-            // Blocks of another package under the same name: it is taken again.
-            self.blocks = Blocks::new();
-            return Ok(());
-        };
-        let stamp = header.stamp;
-        let is_signed = own.key.is_some_and(|key| header.is_signed(&key));
-        let refusal = if !is_signed {
+        if !own.key.is_some_and(|key| header.is_signed(&key)) {
             Some(Phase::Forged)
         } else if stamp.board != own.stamp.board || stamp.roles & own.role != own.role {
             Some(Phase::Foreign)
@@ -387,8 +383,19 @@ impl<F: NorFlash> Receiver<F> {
             Some(Phase::TooLong)
         } else {
             None
+        }
+    }
+
+    async fn accept(&mut self) -> Result<(), Failed> {
+        let Some(header) = self
+            .parsed()
+            .filter(|header| header.package() == self.package)
+        else {
+            // Blocks of another package under the same name: it is taken again.
+            self.blocks = Blocks::new();
+            return Ok(());
         };
-        if let Some(refusal) = refusal {
+        if let Some(refusal) = self.refusal(&header) {
             self.phase = refusal;
             return Ok(());
         }

@@ -122,6 +122,8 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         loop {
             if let Some(start) = start.take() {
                 self.wake(&events, start).await;
+                // A network that still sleeps puts it to sleep again.
+                is_asleep = false;
             }
             let task = match next.take() {
                 Some(task) => task,

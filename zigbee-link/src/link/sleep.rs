@@ -7,7 +7,8 @@
 //! (Buettner et al. 2006) do likewise.
 //!
 //! A coordinator never sleeps, so that messages to it go out at once. The empty frames are not secured: an attacker
-//! who sends them keeps devices awake, which costs their batteries, and nothing else.
+//! who sends them keeps devices awake, which costs their batteries. One who pretends that a device wakes others costs
+//! each message to that device its first attempts: then a node counts on its own waking alone.
 
 use core::time::Duration;
 
@@ -59,6 +60,8 @@ pub(super) struct Sleep {
     others: Instant,
     /// The node that was last woken alone, or that last woke this one and is awake itself; and until when.
     one: (ShortAddress, Instant),
+    /// The node that this one woke alone last, and until when it is awake.
+    woken: (ShortAddress, Instant),
     /// The node that this one wakes, or all, and until when.
     waking: (ShortAddress, Instant),
 }
@@ -74,6 +77,7 @@ impl Sleep {
             all: START,
             others: START,
             one: (ShortAddress::UNASSIGNED, START),
+            woken: (ShortAddress::UNASSIGNED, START),
             waking: (ShortAddress::UNASSIGNED, START),
         }
     }
@@ -102,6 +106,7 @@ impl Sleep {
                 self.all = now + COUNTED_ON;
             } else {
                 self.one = (to, now + COUNTED_ON);
+                self.woken = self.one;
             }
             self.stay_awake(now);
         }
@@ -178,12 +183,11 @@ impl Sleep {
         if !self.is_used || to == ShortAddress::COORDINATOR {
             return false;
         }
-        let (one, until) = self.one;
-        let one = if one == to { until } else { START };
+        let until_of = |(one, until)| if one == to { until } else { START };
         let (until, now) = match to {
             ShortAddress::BROADCAST => (self.all, now),
-            _ if attempts >= DOUBTED => (one, now + (COUNTED_ON - AGAIN)),
-            _ => (self.all.max(self.others).max(one), now),
+            _ if attempts >= DOUBTED => (until_of(self.woken), now + (COUNTED_ON - AGAIN)),
+            _ => (self.all.max(self.others).max(until_of(self.one)), now),
         };
         until <= now
     }
@@ -279,6 +283,21 @@ mod tests {
             assert!(sleep.has_to_wake(all + COUNTED_ON, to, 0));
         }
         assert!(COUNTED_ON < WAKE_FOR);
+    }
+
+    /// Frames that wake are not secured: whoever sends them in the name of a device does not keep others from waking it.
+    #[test]
+    fn a_device_that_does_not_answer_is_woken_whatever_was_heard_of_it() {
+        let mut sleep = used();
+        sleep.on_wake(NOW, CAMERA, true);
+        assert!(!sleep.has_to_wake(NOW, CAMERA, 0));
+        assert!(!sleep.has_to_wake(NOW, CAMERA, DOUBTED - 1));
+        assert!(sleep.has_to_wake(NOW, CAMERA, DOUBTED));
+        let woken = wakes(&mut sleep, NOW, CAMERA);
+        sleep.on_wake(woken, CAMERA, false);
+        // It takes a while until this node may wake it again.
+        assert!(!sleep.has_to_wake(woken, CAMERA, DOUBTED));
+        assert!(sleep.has_to_wake(woken + AGAIN, CAMERA, DOUBTED));
     }
 
     /// Frames that it has to send in its next network do not wait.

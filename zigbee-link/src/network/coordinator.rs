@@ -482,6 +482,14 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
                 link.session.peers.forget(former);
             }
             link.session.peers.rename(device, association.short);
+            // A change of the key that has passed its place offers it none any more.
+            let place = self.place_of(device);
+            let is_passed = |rotation: &Rotation| {
+                !rotation.change.is_done && place.is_some_and(|place| place < rotation.place)
+            };
+            if self.rotation.as_ref().is_some_and(is_passed) {
+                link.session.await_late(device);
+            }
         }
         // Before the answer goes out, it is written down.
         let command = MacCommand::AssociationResponse(association);
@@ -519,6 +527,12 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
 
     pub(super) const fn close_window(&mut self) {
         self.window = None;
+    }
+
+    /// Place of a member in the table.
+    fn place_of(&self, device: Eui64) -> Option<usize> {
+        let is_it = |member: &Option<Member>| member.is_some_and(|of| of.extended == device);
+        self.members.iter().position(is_it)
     }
 
     fn admits_anybody(&self, now: Instant) -> bool {
@@ -721,6 +735,26 @@ mod tests {
         coordinator.poll(NOW, &mut link, &mut common);
         let rotation = coordinator.rotation.unwrap();
         assert!(rotation.place == 1 && rotation.ticket.is_some());
+    }
+
+    /// One that has forgotten the next key, and is not offered it again: it gets it once it is heard under the former one.
+    #[test]
+    fn a_member_that_joins_behind_a_change_of_key_is_waited_for() {
+        let (mut coordinator, mut link, mut common) = running([Some(1), Some(2), None]);
+        coordinator.open_window(NOW, Duration::from_secs(60));
+        let changed = coordinator.change_key(key(2), &mut link, &mut common);
+        assert_eq!(changed, Ok(()));
+        let mut late = |coordinator: &mut Coordinator<3>, device: u8| {
+            coordinator.on_request(NOW, Eui64([device; 8]), &mut link, &mut common);
+            coordinator.poll(NOW, &mut link, &mut common);
+            link.session.late()
+        };
+        // Before the change began with the first one.
+        assert_eq!(late(&mut coordinator, 1), 0);
+        assert_eq!(coordinator.rotation.unwrap().place, 1);
+        assert_eq!(late(&mut coordinator, 2), 0);
+        assert_eq!(late(&mut coordinator, 7), 0);
+        assert_eq!(late(&mut coordinator, 1), 1);
     }
 
     #[test]

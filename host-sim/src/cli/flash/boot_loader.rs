@@ -131,13 +131,18 @@ impl Volume<'_> {
     pub(super) fn write(&self, file: &[u8]) -> Result<()> {
         debug_assert!(uf2::family(file) == Some(self.family));
         let path = self.folder.join(NODE);
-        // A board that has all of it may be gone before the file is closed.
         let copied = copy(&path, file);
+        let incomplete = || format!("{} was not written", path.display());
+        // A board that has all of it may be gone before the file is closed.
+        let copied = match copied {
+            Err(NotCopied { all: false, error }) => return Err(error).with_context(incomplete),
+            other => other.map_err(|failed| failed.error),
+        };
         let is_gone = (0..WRITING).any(|_| !self.is_there() || wait::<()>(LOOK).is_some());
         if is_gone {
             return Ok(());
         }
-        copied.with_context(|| format!("{} was not written", path.display()))?;
+        copied.with_context(incomplete)?;
         bail!(
             "the board has not started: its volume is still in {}. Unmount it, then type the same \
              command again",
@@ -151,10 +156,27 @@ impl Volume<'_> {
     }
 }
 
-fn copy(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = File::create(path)?;
-    file.write_all(bytes)?;
-    file.sync_all()
+/// Bytes at the end of a file after which a board may already be gone: those that an operating system writes together.
+const BLOCK: usize = 1 << 12;
+
+/// Failure of a copy.
+struct NotCopied {
+    /// True if the operating system had taken all but the end, so that the board may have all.
+    all: bool,
+    error: io::Error,
+}
+
+fn copy(path: &Path, bytes: &[u8]) -> Result<(), NotCopied> {
+    let mut all = false;
+    let mut copy = || {
+        let mut file = File::create(path)?;
+        let (most, end) = bytes.split_at(bytes.len().saturating_sub(BLOCK));
+        file.write_all(most)?;
+        all = true;
+        file.write_all(end)?;
+        file.sync_all()
+    };
+    copy().map_err(|error| NotCopied { all, error })
 }
 
 /// Waits, and has nothing.

@@ -481,6 +481,21 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
         ));
     }
     let is_length = |number: f64| number.is_finite() && number > 0.0;
+    let seen = sightings
+        .bearings
+        .iter()
+        .map(|seen| (seen.target, seen.stop));
+    let stops: BTreeSet<_> = seen.chain(ways).collect();
+    let besides = { sightings.ranges.iter() }.map(|far| ("range", far.target, far.stop));
+    let visits = { sightings.visits.iter() }.map(|on| ("visit", on.target, on.stop));
+    let mut besides = besides.chain(visits);
+    if let Some((what, target, stop)) =
+        besides.find(|(_, target, stop)| !stops.contains(&(*target, *stop)))
+    {
+        return wrong(format!(
+            "a {what} is of stop {stop} of target {target}, which nothing else is of: check both numbers"
+        ));
+    }
     for far in &sightings.ranges {
         if !(is_length(far.range) && is_length(far.sigma)) {
             return wrong(format!(

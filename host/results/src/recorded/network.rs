@@ -30,7 +30,7 @@
 //! | `camera`, `range` | how far the target was from which camera, above 0 |
 //! | `mark` | or: on which mark it stood, a whole number |
 //! | `sigma` | the standard deviation of the range, or of the place on the mark along each axis, above 0 |
-//! | `target` | optional: which target |
+//! | `target` | optional where there is one: which target |
 //!
 //! One wrong row may spoil all poses: it is an error.
 
@@ -105,7 +105,7 @@ pub fn bearings(input: impl BufRead, assumptions: &Assumptions) -> Result<Bearin
                 return Err("the sigma must be finite and above 0".to_owned());
             }
             Ok(Bearing {
-                target: target_of(row, target)?,
+                target: target_of(row, target, ONLY_TARGET)?,
                 stop: whole(row, stop, "stop")?,
                 camera: whole(row, camera, "camera")?,
                 bearing_deg,
@@ -150,7 +150,7 @@ pub fn legs(input: impl BufRead, sigma: Option<f64>) -> Result<Vec<Leg>, ReadErr
                 _ => round(sigma.unwrap_or_default()),
             };
             let leg = Leg {
-                target: target_of(row, target)?,
+                target: target_of(row, target, ONLY_TARGET)?,
                 stop: whole(row, stop, "stop")?,
                 dx: dx?,
                 dy: dy?,
@@ -186,18 +186,18 @@ pub fn legs(input: impl BufRead, sigma: Option<f64>) -> Result<Vec<Leg>, ReadErr
     Ok(legs)
 }
 
-/// Reads ranges.
+/// Reads ranges. `only` is the target of the measurements that they belong to, if there is one.
 ///
 /// # Errors
-/// Errors of the file or of any row of it.
-pub fn ranges(input: impl BufRead) -> Result<Vec<Range>, ReadError> {
+/// Errors of the file or of any row of it; no column `target`, where there are several.
+pub fn ranges(input: impl BufRead, only: Option<u16>) -> Result<Vec<Range>, ReadError> {
     let mut rows = Rows::new(input)?;
-    let target = rows.find("target")?;
+    let (target, only) = target_or_only(&rows, only)?;
     let (stop, camera) = (rows.need("stop")?, rows.need("camera")?);
     let (range, sigma) = (rows.need("range")?, rows.need("sigma")?);
     all(&mut rows, |row| {
         Ok(Range {
-            target: target_of(row, target)?,
+            target: target_of(row, target, only)?,
             stop: whole(row, stop, "stop")?,
             camera: whole(row, camera, "camera")?,
             range: above_zero(row, range, "range")?,
@@ -206,18 +206,18 @@ pub fn ranges(input: impl BufRead) -> Result<Vec<Range>, ReadError> {
     })
 }
 
-/// Reads visits to marks.
+/// Reads visits to marks. `only` as of [`ranges`].
 ///
 /// # Errors
-/// Errors of the file or of any row of it.
-pub fn visits(input: impl BufRead) -> Result<Vec<Visit>, ReadError> {
+/// Errors of the file or of any row of it; no column `target`, where there are several.
+pub fn visits(input: impl BufRead, only: Option<u16>) -> Result<Vec<Visit>, ReadError> {
     let mut rows = Rows::new(input)?;
-    let target = rows.find("target")?;
+    let (target, only) = target_or_only(&rows, only)?;
     let (stop, mark) = (rows.need("stop")?, rows.need("mark")?);
     let sigma = rows.need("sigma")?;
     all(&mut rows, |row| {
         Ok(Visit {
-            target: target_of(row, target)?,
+            target: target_of(row, target, only)?,
             stop: whole(row, stop, "stop")?,
             mark: whole(row, mark, "mark")?,
             sigma: above_zero(row, sigma, "sigma")?,
@@ -253,8 +253,20 @@ fn round(sigma: f64) -> [f64; 3] {
     [sigma * sigma, 0.0, sigma * sigma]
 }
 
-fn target_of(row: Row<'_>, column: Option<Column>) -> Result<u16, String> {
-    column.map_or(Ok(ONLY_TARGET), |column| whole(row, column, "target"))
+fn target_of(row: Row<'_>, column: Option<Column>, only: u16) -> Result<u16, String> {
+    column.map_or(Ok(only), |column| whole(row, column, "target"))
+}
+
+/// The target of rows without a column that says it: the only one of the measurements that they belong to.
+fn target_or_only(
+    rows: &Rows<impl BufRead>,
+    only: Option<u16>,
+) -> Result<(Option<Column>, u16), ReadError> {
+    match (rows.find("target")?, only) {
+        (column @ Some(_), _) => Ok((column, ONLY_TARGET)),
+        (None, Some(only)) => Ok((None, only)),
+        (None, None) => Err(rows.no_column("target")),
+    }
 }
 
 fn whole<N: std::str::FromStr>(row: Row<'_>, column: Column, name: &str) -> Result<N, String> {

@@ -103,6 +103,17 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
 }
 
 fn unit(scenario: &Scenario) -> Checked {
+    let is_metre = ["m", "metres"].contains(&scenario.unit.as_str());
+    if let Some(metres) = scenario
+        .unit_metres
+        .filter(|metres| is_metre && *metres != 1.0)
+    {
+        let allowed = format!(
+            "1, as `unit` is \"{}\", or another name of the unit",
+            scenario.unit
+        );
+        return Err(refuse("unit_metres", metres, allowed));
+    }
     let is_known = ["units", "m", "metres"].contains(&scenario.unit.as_str());
     if scenario.unit_metres.is_some() || is_known {
         return Ok(());

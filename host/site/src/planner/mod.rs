@@ -171,7 +171,7 @@ pub enum PlanError {
     /// A camera has too few places.
     #[error(
         "camera number {} of the world has no {stops} places in view where the target can stand: \
-         look at its range, at the borders of the world and at obstacles",
+         look at its heading and pitch, at its range, at the borders of the world and at obstacles",
         camera + 1
     )]
     Camera {
@@ -182,8 +182,8 @@ pub enum PlanError {
     },
     /// Obstacles are in the way.
     #[error(
-        "no order of the stops was found that avoids obstacle {}: move it, or give the target's \
-         stops yourself",
+        "no order of the stops was found that avoids obstacle {}: try another `--path`, move it, or give the \
+         target's stops yourself",
         obstacle + 1
     )]
     Blocked {

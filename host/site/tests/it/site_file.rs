@@ -315,6 +315,13 @@ fn cameras_scatter_by_the_seed_and_all_else_follows() {
             count += 1.0;
         }
     }
+    // A distance that the file tells is as wrong as before.
+    let mut told = with(3, scatter);
+    told.networks[0].references.baseline = plain.networks[0].baseline().map(|right| 1.02 * right);
+    let moved = scattered(&told);
+    let right = baseline(&scattered(&with(3, scatter)));
+    assert_ne!(right, baseline(&plain));
+    assert!((baseline(&moved) / right - 1.02).abs() < 1e-5);
     let (place, turn) = ((squares / count / 2.0_f64).sqrt(), f64::sqrt(turns / count));
     assert!((0.28..0.32).contains(&place), "{place}");
     assert!((2.8..3.2).contains(&turn), "{turn}");
@@ -462,6 +469,17 @@ fn errors_name_key_and_line() {
         (
             network("[[network]]", "[[network]]\nchannel = 27"),
             ["line 11: `network 1.channel` is 27", "11 to 26"],
+        ),
+        (
+            references("baseline = 140.0"),
+            [
+                "references.baseline` is 140",
+                "by `x` and `y` of cameras 1 and 2 that is 10.000",
+            ],
+        ),
+        (
+            head("unit = \"m\"\nunit_metres = 2.0"),
+            ["`unit_metres` is 2", "1, as `unit` is"],
         ),
         (
             head("key_file = 3"),

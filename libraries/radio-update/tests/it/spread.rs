@@ -136,6 +136,42 @@ fn what_is_forged_older_foreign_or_too_long_is_refused_and_changes_nothing() {
     assert_eq!(ended, Some(Phase::Forged));
 }
 
+/// A camera takes a part of an image for cameras, becomes a target, and starts again.
+#[test]
+fn an_image_that_was_begun_in_another_role_is_foreign() {
+    let mut bytes = image(LENGTH, 1);
+    let for_cameras = Stamp {
+        roles: 2,
+        ..stamp(2)
+    };
+    bytes[500..][..STAMP].copy_from_slice(&for_cameras.bytes());
+    let package = Package::sign(&bytes, &SECRET).unwrap();
+    let mut node = Node::new(LENGTH, ChaCha8Rng::seed_from_u64(1));
+    assert!(node.start());
+    let mut sender = Sender::new(package.clone(), [0], 0);
+    let mut now = Duration::ZERO;
+    let phase = |node: &Node| node.receiver.as_ref().unwrap().phase();
+    while phase(&node) != Phase::Receiving {
+        if let Some(next) = sender.poll(now) {
+            if let Some(answer) = node.take(&next.packet) {
+                sender.on_packet(now, 0, &answer);
+            }
+            sender.on_sent(now);
+        } else {
+            now += Duration::from_secs(1);
+        }
+    }
+    assert!(node.start());
+    assert_eq!(phase(&node), Phase::Preparing);
+    node.own.role = 4;
+    assert!(node.start());
+    assert_eq!(phase(&node), Phase::Idle);
+    let mut nodes = [node];
+    let sender = drive(&mut nodes, Sender::new(package, [0], 0), |_| false);
+    assert_eq!(sender.nodes()[&0].phase, Some(Phase::Foreign));
+    assert_eq!(nodes[0].active(LENGTH), image(LENGTH, 1));
+}
+
 /// A byte that keeps its value spoils one page again and again: the node says that its flash fails, the other one
 /// runs the new image, and the sender comes to an end.
 #[test]

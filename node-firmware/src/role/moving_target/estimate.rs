@@ -25,8 +25,8 @@ use crate::{
     limits::{ESTIMATED_CAMERAS, ESTIMATED_STOPS, WALK_BEARINGS},
     log::debug,
     message::{
-        CameraState, Duty, MemberAddress, Mount, PoseParts, ProtectionLevel, Report, Seen,
-        StopNumber,
+        CameraState, Duty, MemberAddress, Mount, PoseParts, ProtectionLevel, Report, SIZE_SHARE,
+        Seen, StopNumber,
     },
     role::{CONTRADICTION, Unsaved, contradiction, is_news},
 };
@@ -287,6 +287,12 @@ impl<'m> Estimate<'m> {
             && added.is_ok()
             && self.estimator.bearings() < WALK_BEARINGS / 2
         {
+            // The lens and the size of the ball err in all ranges of a camera alike: together they tell little more than the
+            // first one. The sum of 1 / k^2 ends at 1.6.
+            let all = (0..self.estimator.bearings()).filter_map(|n| self.estimator.measured(n));
+            let own = all.filter(|of| (of.camera, of.quantity) == (camera, Quantity::Range));
+            let shared = SIZE_SHARE * range * own.count() as f32;
+            let sigma = root(sigma * sigma + shared * (shared + 2.0 * SIZE_SHARE * range));
             let added = self.estimator.add_range(stop, camera, range, sigma);
             debug_assert_eq!(added, Ok(()), "there is room");
         }

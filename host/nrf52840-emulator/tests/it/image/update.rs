@@ -6,6 +6,7 @@ use std::{
     time::Duration,
 };
 
+use board_facts::NRF52840_DK;
 use node_firmware::{
     console::{FRAME_MAX, FromPc, encode},
     message::UpdatePacket,
@@ -244,6 +245,40 @@ fn a_network_is_updated_by_radio() {
         assert_eq!(outcome.forbidden, []);
         assert_eq!(outcome.unmapped, [""; 0]);
     }
+}
+
+/// An image on trial that cannot use the configuration is not fed for ever: the one before it comes back.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn an_image_that_cannot_read_its_configuration_goes_back() {
+    let parts = NRF52840_DK.updated.as_ref().unwrap();
+    let mut node = updated(lab().camera(0), 1);
+    let mut put = |at: u64, bytes: &[u8]| {
+        let (start, part) = node
+            .flash
+            .iter_mut()
+            .rfind(|(start, _)| *start <= at)
+            .unwrap();
+        part[(at - *start) as usize..][..bytes.len()].copy_from_slice(bytes);
+    };
+    // The package was taken, and the boot loader is to change images.
+    put(parts.spare.start.into(), &binary(2));
+    put(parts.state.start.into(), &[0xF0; 4]);
+    put(PAGE, &[0; 16]);
+    let mut network = Network::default();
+    network.switch_on(0, node, 0);
+    while network.reached() < 90 * S {
+        let until = network.reached() + S;
+        for (_, _, deed) in network.run(until) {
+            if let Deed::Fails(why) = deed {
+                panic!("{why}");
+            }
+        }
+    }
+    let outcome = network.switch_off(0).unwrap().unwrap();
+    let by: Vec<_> = outcome.resets.iter().map(|reset| &*reset.by).collect();
+    assert_eq!(by, ["WDT"], "{:?}", outcome.resets);
+    assert!(runs(&outcome, 1));
 }
 
 /// Power of a node goes at any time, often in the middle of a write, and a third of all frames is lost: every node runs
