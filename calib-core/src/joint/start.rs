@@ -21,8 +21,10 @@ use crate::{
 
 /// Least number of stops that both references saw: with two there are two answers.
 pub(super) const LEAST: usize = 3;
-/// Most of these that a start takes: more add nothing.
-const MOST: usize = 16;
+/// Most of these that a start takes: more add nothing, and one step of the work grows with their third power.
+const MOST: usize = 12;
+/// The same where the direction of the steps or the baseline is sought too, in 24 directions.
+const MOST_OF_UNKNOWN: usize = 8;
 /// Stops of a start if all together contradict each other: fewer would not show it.
 const WINDOW: usize = 5;
 /// All stops.
@@ -310,6 +312,8 @@ impl<T: Real> Problem<'_, T> {
     #[inline(never)] // for less stack
     fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
         let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
+        let is_known = known.baseline.is_some() && known.frame_heading.is_some();
+        let most = if is_known { MOST } else { MOST_OF_UNKNOWN };
         let mut since = Self::nowhere();
         for number in 0..self.stops.len() {
             let connected = self.add_leg(number, &mut since);
@@ -323,7 +327,7 @@ impl<T: Real> Problem<'_, T> {
             else {
                 continue;
             };
-            let Some(stop) = stops.get_mut(count) else {
+            let Some(stop) = stops.get_mut(..most).and_then(|all| all.get_mut(count)) else {
                 break;
             };
             *stop = Stop {

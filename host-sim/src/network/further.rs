@@ -1,7 +1,10 @@
 //! Targets that walk on: to the next stops that the verdict asks for, until every camera that can be calibrated is, and
 //! every pose is checked; and the same way again, another day.
 
-use std::{collections::BTreeMap, rc::Rc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
 
 use nalgebra::Point2;
 use results::record::{RunRecord, verdict::Verdict};
@@ -138,6 +141,7 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     let verdict = Verdict::of(&record);
     let is_calibrated = |id: &u16| record.cameras().any(|c| c.id == *id && c.is_calibrated());
     let mut longest = None;
+    let mut led = BTreeSet::new();
     for number in 0..simulation.site.networks.len() {
         let network = &simulation.site.networks[number];
         let frame = outcome::frame(simulation, network, &simulation.consoles[number]);
@@ -149,7 +153,10 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
         let goals: Vec<_> = asked
             .map(|stop| frame.in_world(Point2::new(stop.x, stop.y)))
             .collect();
-        let Some(target) = walker(simulation, network) else {
+        // Cameras of a network without targets wait for those of another one.
+        let guest = || walker(simulation, simulation.site.networks.get(network.home?)?);
+        let target = walker(simulation, network).or_else(guest);
+        let Some(target) = target.filter(|target| !led.contains(&target.id)) else {
             continue;
         };
         let left = simulation.further.most - simulation.further.made;
@@ -160,6 +167,7 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
         let here = simulation.world.borrow().targets()[target.index].place;
         let way: Vec<_> = std::iter::once(here).chain(stops.iter().copied()).collect();
         longest = longest.max(Some(simulation.patience(&way)));
+        led.insert(id);
         simulation.further.made += stops.len();
         simulation.further.orders_of(id).give(stops);
     }

@@ -794,6 +794,23 @@ fn a_lens_of_another_field_of_view_is_named() {
     assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
 }
 
+/// Whatever lens is told, it is the one of 60 degrees that is found, also from one case.
+#[test]
+fn a_lens_is_found_from_afar() {
+    // A camera at (1, 2) with a heading of 30 degrees and 88 columns.
+    let csv = "case,target_x,target_y,column\na,4,2.5,71.7\na,5,5,34.4\na,3,4.5,14.1\na,6,3.2,65.8\na,4.5,3.8,47.2\n\
+               a,5.5,6,28.0\n";
+    for told in ["30", "40", "50", "70", "90", "120"] {
+        let done = run_with_input(&["solve", "-", "--fov-deg", told], csv);
+        assert_eq!(done.code, 1, "{told}: {}", done.stderr);
+        let words = "lens: the field of view fits 60.0 +/- ";
+        assert!(done.stderr.contains(words), "{told}: {}", done.stderr);
+        assert!(!done.stderr.contains("equal-angle"), "{}", done.stderr);
+    }
+    let right = run_with_input(&["solve", "-", "--fov-deg", "60"], csv);
+    assert!(right.code == 0 && !right.stderr.contains("lens:"));
+}
+
 /// Places from a plan whose y axis runs downwards. A lens that does not fit either is not named.
 #[test]
 fn a_mirrored_plan_is_named() {

@@ -386,6 +386,8 @@ impl NetworkSolution {
     pub const CONTRADICTORY: &'static str = "contradictory";
     /// Reason of doubt: another solution is not ruled out.
     pub const AMBIGUOUS: &'static str = "ambiguous";
+    /// Reason of doubt: the steps of the carrier contradict the told baseline.
+    pub const BASELINE: &'static str = "baseline_or_steps";
     /// Why an answer is weak: there are no more measurements than unknowns, so that any would fit.
     pub const UNCHECKED: &'static str = "unchecked";
 
@@ -432,8 +434,48 @@ pub fn solve(
     let targets: BTreeSet<_> = sightings.legs.iter().map(|leg| leg.target).collect();
     targets
         .into_iter()
-        .map(|target| Walk::new(sightings, target, &cameras).solve(settings))
+        .map(|target| {
+            let mut solution = Walk::new(sightings, target, &cameras).solve(settings)?;
+            if contradicts_steps(sightings, target, &solution) {
+                solution.doubt();
+            }
+            Ok(solution)
+        })
         .collect()
+}
+
+/// Sigmas beyond which the steps of the carrier contradict the told baseline.
+const CONTRADICTS: f64 = 5.0;
+
+/// Returns true if the lengths of the carrier's steps and the told baseline contradict each other: nothing else tells
+/// which of them is wrong.
+fn contradicts_steps(sightings: &Sightings, target: u16, solution: &NetworkSolution) -> bool {
+    let told = sightings.carriers.iter().find(|of| of.target == target);
+    let (Some(told), Some(carrier)) = (told, &solution.carrier) else {
+        return false;
+    };
+    let survey = { sightings.survey }.map_or(0.0, |survey| survey.baseline_sigma);
+    let sigma = told
+        .systematic_scale
+        .hypot(survey)
+        .hypot(carrier.sigma_scale);
+    let is_known = { sightings.references }.is_some_and(|of| of.baseline.is_some());
+    is_known && (carrier.scale - 1.0).abs() > CONTRADICTS * sigma
+}
+
+impl NetworkSolution {
+    /// Neither the baseline nor the steps are sure, and so is no pose.
+    fn doubt(&mut self) {
+        let is_told = |status| [Status::Calibrated, Status::Weak].contains(&status);
+        if is_told(self.status) {
+            (self.status, self.reason) = (Status::Doubtful, Some(Self::BASELINE));
+        }
+        for camera in &mut self.cameras {
+            if is_told(camera.status) {
+                (camera.status, camera.reason) = (Status::Doubtful, Some(Self::BASELINE));
+            }
+        }
+    }
 }
 
 /// Leaves out bearings that are there already: of the same camera at the same stop, with the same value. They are no

@@ -503,6 +503,33 @@ fn range(range: f64) -> Range {
 }
 
 /// A file that is in it twice is as good as once.
+/// A baseline of another unit: all fits, in a frame that the steps contradict.
+#[test]
+fn a_baseline_that_the_steps_contradict_is_doubted() {
+    for seed in 0..4 {
+        for (factor, is_doubted) in [(1.0, false), (10.0, true), (0.1, true)] {
+            let mut sightings = measured(&walk(seed));
+            *sightings
+                .references
+                .as_mut()
+                .unwrap()
+                .baseline
+                .as_mut()
+                .unwrap() *= factor;
+            let solution = solved(&sightings);
+            let is_its = solution.reason == Some(NetworkSolution::BASELINE);
+            assert_eq!(
+                is_its, is_doubted,
+                "{seed}, {factor}: {:?}",
+                solution.reason
+            );
+            let cameras = solution.cameras.iter();
+            let good = cameras.filter(|camera| camera.status == Status::Calibrated);
+            assert_eq!(good.count() == 0, is_doubted, "{seed}, {factor}");
+        }
+    }
+}
+
 #[test]
 fn repeated_bearings_count_once() {
     let once = measured(&walk(3));

@@ -175,6 +175,13 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
     if let Some(largest) = largest(solution) {
         writeln!(out, "{largest}")?;
     }
+    if solution.reason == Some(NetworkSolution::BASELINE) {
+        writeln!(
+            out,
+            "The steps contradict the baseline: measure it again, or tell how wrong steps may be (`systematic_scale`), and \
+             do not rely on poses before."
+        )?;
+    }
     if solution.reason == Some(NetworkSolution::CONTRADICTORY) {
         writeln!(
             out,
