@@ -323,7 +323,7 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
         ),
         (
             vec![&good[..], "--ranges", &whose],
-            "a range is of stop 99 of target 1, which nothing else is of",
+            "a range or a visit is of stop 99 of target 1, which nothing else is of",
         ),
         (vec![&many[..]], "a whole number from 0 to 65535"),
         (vec![&typing[..]], "typing.json:3: "),

@@ -105,8 +105,7 @@ pub fn check(
     }
     let half_view = field_of_view / 2.0;
     let given = camera.projection();
-    let decoded =
-        |projection| move |ray: Ray<f64>| ray.decoded(given, projection, half_view);
+    let decoded = |projection| move |ray: Ray<f64>| ray.decoded(given, projection, half_view);
     let projections = [Projection::PinHole, Projection::EqualAngle];
     let near = projections.map(|projection| {
         let lens = (projection, prior_sigma);

@@ -57,7 +57,10 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
 }
 
 /// Returns true if only its owner may read or write a file, as far as the system tells.
-#[cfg_attr(not(unix), expect(unused_variables, reason = "other systems do not tell"))]
+#[cfg_attr(
+    not(unix),
+    expect(unused_variables, reason = "other systems do not tell")
+)]
 pub(crate) fn is_private(known: &Metadata) -> bool {
     #[cfg(unix)]
     {

@@ -56,9 +56,6 @@ pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(PageFileError::Read)?;
     let known = file.metadata().map_err(PageFileError::Read)?;
-    if known.is_file() && !durable::is_private(&known) {
-        return Err(PageFileError::Public);
-    }
     // A device may have no end.
     let read = file.take(MOST).read_to_end(&mut bytes);
     read.map_err(PageFileError::Read)?;
@@ -70,6 +67,9 @@ pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
     };
     if bytes.len() != PAGE_MAX && !is_key() {
         return Err(PageFileError::Length(bytes.len()));
+    }
+    if known.is_file() && !durable::is_private(&known) {
+        return Err(PageFileError::Public);
     }
     Ok(config)
 }

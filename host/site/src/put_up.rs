@@ -456,20 +456,6 @@ fn network(
             "two places",
         ));
     }
-    if let Some(told) = table.references.baseline
-        && !(0.5..=2.0).contains(&(told / baseline.norm()))
-    {
-        return Err(refuse(
-            format!("network {number}.references.baseline"),
-            told,
-            format!(
-                "their distance, and by `x` and `y` of cameras {} and {} that is {:.3}: correct the one that is wrong",
-                table.references.cameras[0],
-                table.references.cameras[1],
-                baseline.norm()
-            ),
-        ));
-    }
     let frame = Frame::between([origin, other]);
     let middle = nodes
         .iter()

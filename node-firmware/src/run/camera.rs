@@ -384,3 +384,161 @@ fn tracked(blob: &Blob, judge: &Judge) -> Tracked {
 const fn done(command: CameraCommand, outcome: CommandOutcome) -> CameraEvent {
     CameraEvent::Done(CommandResult { command, outcome })
 }
+
+#[cfg(test)]
+mod tests {
+    use core::{
+        cell::Cell,
+        future::{pending, poll_fn},
+        task::{Context, Poll, Waker},
+    };
+
+    use zigbee_link::wire::ShortAddress;
+
+    use super::*;
+    use crate::{
+        config::examples,
+        message::{Message, Restart},
+        network::{Attachment, NetworkEvent, PostError, Receipt},
+        vision::LearntColour,
+    };
+
+    const TICK: u64 = 100_000;
+
+    struct Time(Cell<u64>);
+
+    impl Clock for Time {
+        fn now(&self) -> Instant {
+            Instant(self.0.get())
+        }
+
+        fn sleep_until(&self, time: Instant) -> impl Future<Output = ()> {
+            poll_fn(move |_| match self.now() >= time {
+                true => Poll::Ready(()),
+                false => Poll::Pending,
+            })
+        }
+    }
+
+    /// A network that only sleeps.
+    struct Sleeper(Cell<bool>);
+
+    impl Network for Sleeper {
+        type Ticket = ();
+
+        fn post(&self, _: ShortAddress, _: &Message, _: Receipt) -> Result<(), PostError> {
+            Err(PostError::Refused)
+        }
+
+        fn happened(&self, _: Option<Attachment>) -> impl Future<Output = NetworkEvent<()>> {
+            pending()
+        }
+
+        fn is_asleep(&self) -> bool {
+            self.0.get()
+        }
+    }
+
+    /// A camera that sees nothing, and counts how often it starts and sleeps.
+    struct Blind<'a> {
+        counts: &'a [Cell<u32>; 2],
+        is_started: bool,
+    }
+
+    impl Blind<'_> {
+        fn count(&self, n: usize) {
+            let count = &self.counts[n];
+            count.set(count.get() + 1);
+        }
+
+        fn check(&self) -> Result<(), VisionError> {
+            self.is_started.then_some(()).ok_or(VisionError::NotStarted)
+        }
+    }
+
+    impl BlobCamera for Blind<'_> {
+        async fn start_up(&mut self) -> Result<(), VisionError> {
+            self.is_started = true;
+            self.count(0);
+            Ok(())
+        }
+
+        async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
+            self.check()?;
+            Err(VisionError::PartOfObject)
+        }
+
+        async fn learn_background(&mut self) -> Result<(), VisionError> {
+            self.check()
+        }
+
+        async fn begin(&mut self, _: Subject) -> Result<(), VisionError> {
+            self.check()
+        }
+
+        async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
+            Ok(None)
+        }
+
+        async fn end(&mut self) -> Result<(), VisionError> {
+            Ok(())
+        }
+
+        async fn sleep(&mut self) {
+            self.is_started = false;
+            self.count(1);
+        }
+    }
+
+    /// It starts once for each time it slept, and sleeps again while the network does.
+    #[test]
+    fn a_camera_that_is_asked_in_its_sleep_starts_once() {
+        let (time, network) = (Time(Cell::new(0)), Sleeper(Cell::new(true)));
+        let counts = [Cell::new(0), Cell::new(0)];
+        let config = examples::camera();
+        let liveness = Liveness::new(Restart::Ordinary);
+        let optics = Camera::pin_hole(88, 0.8).unwrap();
+        let mut device = CameraDevice {
+            camera: Blind {
+                counts: &counts,
+                is_started: false,
+            },
+            config: &config,
+            optics,
+            subjects: config.subjects.clone(),
+            sleeps: true,
+            clock: &time,
+            liveness: &liveness,
+        };
+        let channels = DeviceChannels::<CameraTask, CameraEvent>::new();
+        let serve = device.serve(
+            &network,
+            channels.tasks.receiver(),
+            channels.events.sender(),
+        );
+        let mut serve = pin!(serve);
+        let mut run = |ticks: u64| {
+            for _ in 0..ticks {
+                for _ in 0..4 {
+                    let polled = serve.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+                    assert!(polled.is_pending());
+                    while channels.events.try_receive().is_ok() {}
+                }
+                time.0.set(time.0.get() + TICK);
+            }
+            [0, 1].map(|n| counts[n].get())
+        };
+        assert_eq!(run(30), [1, 1]);
+        // The network is woken, and a target stops before the camera has noticed.
+        network.0.set(false);
+        let look = CameraTask::Look { colour: 0 };
+        assert!(channels.tasks.try_send(look).is_ok());
+        assert_eq!(run(30), [2, 1]);
+        network.0.set(true);
+        assert_eq!(run(30), [2, 2]);
+        // A person presses a button, and the network sleeps on.
+        let learn = CameraTask::Command(CameraCommand::LearnColour { colour: 0 });
+        assert!(channels.tasks.try_send(learn).is_ok());
+        assert_eq!(run(30), [3, 3]);
+    }
+}

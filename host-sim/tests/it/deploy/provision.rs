@@ -465,6 +465,14 @@ fn a_page_is_shown_without_its_key() {
     let mut bytes = [0; page::PAGE_MAX];
     page::encode(&config.check().unwrap(), &mut bytes).unwrap();
     fs::write(place.path("page.bin"), bytes).unwrap();
+    #[cfg(unix)]
+    {
+        place
+            .run(&["provision", "--show=page.bin"])
+            .fails("others may read it");
+        let private = std::os::unix::fs::PermissionsExt::from_mode(0o600);
+        fs::set_permissions(place.path("page.bin"), private).unwrap();
+    }
     let shown = place.run(&["provision", "--show=page.bin"]).ok();
     assert_eq!(shown, include_str!("data/shown.txt"));
     for secret in ["0123456789abcdef", "30313233", "48, 49"] {

@@ -196,6 +196,25 @@ fn a_target_that_left_a_network_is_not_led_on_in_vain() {
     }
 }
 
+/// Their network has no target of its own.
+#[test]
+fn a_target_is_led_to_guests_that_are_weak() {
+    let (key, limits) = (
+        "[firmware]",
+        "weak_sigma = 0.12\n    good_enough_position = 0.05",
+    );
+    assert!(GUESTS.contains(key));
+    let strict = GUESTS.replace(key, &format!("{key}\n    {limits}"));
+    let (record, made) = walked(&strict, 2);
+    let weak = record.cameras().filter(|camera| !camera.is_calibrated());
+    let weak: Vec<_> = weak.map(|camera| camera.id).collect();
+    assert!(made > 0, "{weak:?}");
+    assert!(weak.iter().all(|id| *id > 20), "{weak:?}");
+    // It went there.
+    let last = record.targets[0].stops.last().unwrap();
+    assert!(last.x > 10.0, "{last:?}");
+}
+
 #[test]
 fn no_more_stops_are_made_than_are_allowed() {
     let (record, made) = walked(TWO_PLACES, 1);

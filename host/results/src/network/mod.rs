@@ -527,15 +527,19 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
         .bearings
         .iter()
         .map(|seen| (seen.target, seen.stop));
-    let stops: BTreeSet<_> = seen.chain(ways).collect();
-    let besides = { sightings.ranges.iter() }.map(|far| ("range", far.target, far.stop));
-    let visits = { sightings.visits.iter() }.map(|on| ("visit", on.target, on.stop));
-    let mut besides = besides.chain(visits);
-    if let Some((what, target, stop)) =
-        besides.find(|(_, target, stop)| !stops.contains(&(*target, *stop)))
-    {
+    let visits = sightings.visits.iter().map(|on| (on.target, on.stop));
+    let known: BTreeSet<_> = seen.chain(ways).collect();
+    let targets: BTreeSet<_> = known.iter().map(|(target, _)| *target).collect();
+    let mut strange = visits
+        .clone()
+        .filter(|(target, _)| !targets.contains(target));
+    let mut far = sightings.ranges.iter().map(|far| (far.target, far.stop));
+    let strange = strange.next().or_else(|| {
+        far.find(|far| !known.contains(far) && !visits.clone().any(|visit| visit == *far))
+    });
+    if let Some((target, stop)) = strange {
         return wrong(format!(
-            "a {what} is of stop {stop} of target {target}, which nothing else is of: check both numbers"
+            "a range or a visit is of stop {stop} of target {target}, which nothing else is of: check both numbers"
         ));
     }
     for far in &sightings.ranges {

@@ -424,6 +424,17 @@ fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checke
             "two places: their distance gives the network its scale",
         ));
     }
+    let distance = (other - origin).norm();
+    if let Some(told) = references.baseline
+        && !(0.5..=2.0).contains(&(told / distance))
+    {
+        let [first, second] = references.cameras;
+        let allowed = format!(
+            "their distance, and by `x` and `y` of cameras {first} and {second} that is {distance:.3}: correct what is \
+             wrong"
+        );
+        return Err(refuse(format!("{name}.references.baseline"), told, allowed));
+    }
     let sector = |camera: &PlacedCamera| {
         let view = scenario.camera.for_camera(camera).field_of_view_deg();
         Some((camera.heading_deg?.to_radians(), view.to_radians()))

@@ -478,7 +478,7 @@ fn errors_name_key_and_line() {
             ],
         ),
         (
-            head("unit = \"m\"\nunit_metres = 2.0"),
+            head("unit_metres = 2.0"),
             ["`unit_metres` is 2", "1, as `unit` is"],
         ),
         (

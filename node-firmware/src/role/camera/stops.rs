@@ -428,12 +428,7 @@ impl CameraRole {
             .calibration
             .solve(&self.config.weak.limits(), &self.config.lens_sigma);
         let state = { other_lens.filter(|_| answer.mount.is_none()) }.unwrap_or(answer.state);
-        let mut state = self.sized(state, answer.mount);
-        // Where the distance of the references is not known, all places that a target tells are too near or too far
-        // alike: only its estimate says by how much.
-        if self.config.baseline.is_none() {
-            state = state.untested();
-        }
+        let state = self.sized(state, answer.mount);
         let count = self.calibration.count();
         self.update(
             now,
