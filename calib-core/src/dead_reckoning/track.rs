@@ -360,14 +360,11 @@ impl<T: Real> Track<T> {
         self.reckoned().covariance_with(&other.reckoned())
     }
 
-    /// A copy of this track from before it came this way: [`since`](Self::since) that copy it came as far, with the
+    /// Makes it what it was before it came this way: [`since`](Self::since) that a copy from here came as far, with the
     /// covariance of `way` and the systematic one of the present fix.
-    #[must_use]
-    pub fn before(&self, way: &Displacement<T>) -> Self {
-        let mut before = *self;
-        before.since_fix.walked -= way.vector;
-        before.since_fix.random -= way.covariance;
-        before
+    pub fn go_back(&mut self, way: &Displacement<T>) {
+        self.since_fix.walked -= way.vector;
+        self.since_fix.random -= way.covariance;
     }
 
     /// The way from an earlier copy of this track to here, by the steps alone. None if the target

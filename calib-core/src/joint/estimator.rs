@@ -367,6 +367,13 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.add_sight(stop, camera, Quantity::Range, range, sigma)
     }
 
+    /// Number of ranges of a camera.
+    #[inline(never)] // for less flash
+    pub fn ranges_of(&self, camera: usize) -> usize {
+        let of = |sight: &&Sight<T>| usize::from(sight.camera) == camera && !sight.is_bearing();
+        self.sights.all().iter().filter(of).count()
+    }
+
     /// Adds the elevation of the target above the horizontal plane of the camera to the last bearing. It has the
     /// standard deviation of that bearing.
     ///

@@ -327,7 +327,7 @@ impl<T: Real> Problem<'_, T> {
             else {
                 continue;
             };
-            let Some(stop) = stops.get_mut(..most).and_then(|all| all.get_mut(count)) else {
+            let Some(stop) = stops.get_mut(count).filter(|_| count < most) else {
                 break;
             };
             *stop = Stop {

@@ -183,11 +183,13 @@ impl Sleep {
         if !self.is_used || to == ShortAddress::COORDINATOR {
             return false;
         }
-        let until_of = |(one, until)| if one == to { until } else { START };
+        let is_doubted = attempts >= DOUBTED;
+        let (one, until) = if is_doubted { self.woken } else { self.one };
+        let one = if one == to { until } else { START };
         let (until, now) = match to {
             ShortAddress::BROADCAST => (self.all, now),
-            _ if attempts >= DOUBTED => (until_of(self.woken), now + (COUNTED_ON - AGAIN)),
-            _ => (self.all.max(self.others).max(until_of(self.one)), now),
+            _ if is_doubted => (one, now + (COUNTED_ON - AGAIN)),
+            _ => (self.all.max(self.others).max(one), now),
         };
         until <= now
     }
@@ -285,7 +287,7 @@ mod tests {
         assert!(COUNTED_ON < WAKE_FOR);
     }
 
-    /// Frames that wake are not secured: whoever sends them in the name of a device does not keep others from waking it.
+    /// Frames that wake are not secured: an attacker who sends them in the name of a device keeps no other node from waking it.
     #[test]
     fn a_device_that_does_not_answer_is_woken_whatever_was_heard_of_it() {
         let mut sleep = used();

@@ -483,11 +483,10 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             }
             link.session.peers.rename(device, association.short);
             // A change of the key that has passed its place offers it none any more.
-            let place = self.place_of(device);
-            let is_passed = |rotation: &Rotation| {
-                !rotation.change.is_done && place.is_some_and(|place| place < rotation.place)
-            };
-            if self.rotation.as_ref().is_some_and(is_passed) {
+            if self
+                .rotation
+                .is_some_and(|rotation| !rotation.change.is_done)
+            {
                 link.session.await_late(device);
             }
         }
@@ -527,12 +526,6 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
 
     pub(super) const fn close_window(&mut self) {
         self.window = None;
-    }
-
-    /// Place of a member in the table.
-    fn place_of(&self, device: Eui64) -> Option<usize> {
-        let is_it = |member: &Option<Member>| member.is_some_and(|of| of.extended == device);
-        self.members.iter().position(is_it)
     }
 
     fn admits_anybody(&self, now: Instant) -> bool {
@@ -749,12 +742,11 @@ mod tests {
             coordinator.poll(NOW, &mut link, &mut common);
             link.session.late()
         };
-        // Before the change began with the first one.
-        assert_eq!(late(&mut coordinator, 1), 0);
-        assert_eq!(coordinator.rotation.unwrap().place, 1);
-        assert_eq!(late(&mut coordinator, 2), 0);
-        assert_eq!(late(&mut coordinator, 7), 0);
         assert_eq!(late(&mut coordinator, 1), 1);
+        assert_eq!(coordinator.rotation.unwrap().place, 1);
+        // Again, and another one.
+        assert_eq!(late(&mut coordinator, 1), 1);
+        assert_eq!(late(&mut coordinator, 7), 2);
     }
 
     #[test]

@@ -25,8 +25,8 @@ use crate::{
     limits::{ESTIMATED_CAMERAS, ESTIMATED_STOPS, WALK_BEARINGS},
     log::debug,
     message::{
-        CameraState, Duty, MemberAddress, Mount, PoseParts, ProtectionLevel, Report, SIZE_SHARE,
-        Seen, StopNumber,
+        CameraState, Duty, MemberAddress, Mount, PoseParts, ProtectionLevel, Report, Seen,
+        StopNumber,
     },
     role::{CONTRADICTION, Unsaved, contradiction, is_news},
 };
@@ -58,6 +58,9 @@ const ROUND: Round = Round {
     leg_noise: true,
     protection: true,
 };
+
+/// Ranges of a camera that count. Together they tell as much as one of them alone claims.
+const RANGES: usize = 3;
 
 /// Sigma of a direction that only the bearings tell, radians.
 const VAGUE: f32 = 0.5;
@@ -282,17 +285,13 @@ impl<'m> Estimate<'m> {
             .add_bearing(stop, camera, seen.bearing, seen.sigma)
             .and_then(|()| self.estimator.add_elevation(seen.elevation));
         self.is_new |= added.is_ok();
-        // Ranges fill half of the memory at most: bearings tell more.
+        // The lens and the size of the ball err in all ranges of a camera alike: more ranges tell little more.
         if let Some((range, sigma)) = seen.range(radius)
             && added.is_ok()
+            && self.estimator.ranges_of(camera) < RANGES
             && self.estimator.bearings() < WALK_BEARINGS / 2
         {
-            // The lens and the size of the ball err in all ranges of a camera alike: together they tell little more than the
-            // first one. The sum of 1 / k^2 ends at 1.6.
-            let all = (0..self.estimator.bearings()).filter_map(|n| self.estimator.measured(n));
-            let own = all.filter(|of| (of.camera, of.quantity) == (camera, Quantity::Range));
-            let shared = SIZE_SHARE * range * own.count() as f32;
-            let sigma = root(sigma * sigma + shared * (shared + 2.0 * SIZE_SHARE * range));
+            let sigma = sigma * root(RANGES as f32);
             let added = self.estimator.add_range(stop, camera, range, sigma);
             debug_assert_eq!(added, Ok(()), "there is room");
         }

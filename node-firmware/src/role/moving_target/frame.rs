@@ -232,17 +232,17 @@ impl Frame {
 
     /// Returns true if both places were given. No frame is better.
     pub(super) fn is_given(&self) -> bool {
-        self.errors == Errors::References([0.0; 2])
+        matches!(self.errors, Errors::References([0.0, 0.0]))
     }
 
     /// Returns true if the distance was given, or is one of the unknowns.
     pub(super) fn is_exact(&self) -> bool {
-        self.share() <= EXACT_SHARE || self.errors == Errors::None
+        self.share() <= EXACT_SHARE || !self.is_baseline_known()
     }
 
     /// Returns true if the distance is known.
     pub(super) fn is_baseline_known(&self) -> bool {
-        self.errors != Errors::None
+        !matches!(self.errors, Errors::None)
     }
 
     /// A place of this frame in that of the site.

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use calib_core::{
     Status, angle,
-    dead_reckoning::{Displacement, Place, Step, Systematic, Track, TrackError},
+    dead_reckoning::{Place, Step, Systematic, Track, TrackError},
     fit::Fit,
     intersection,
 };
@@ -136,13 +136,13 @@ impl TargetRole<'_> {
         if found.is_err() {
             return;
         }
+        self.at_stop = self.track;
         // It may have left its stop: a further estimate of the stop adds the same way.
-        self.at_stop = walked.map_or(self.track, |walked| {
-            self.track.before(&Displacement {
-                vector: turn * walked.vector,
-                covariance: angle::turned(&walked.covariance, &turn),
-            })
-        });
+        if let Some(mut walked) = walked {
+            walked.vector = turn * walked.vector;
+            walked.covariance = angle::turned(&walked.covariance, &turn);
+            self.at_stop.go_back(&walked);
+        }
         self.stood.clear();
         self.located = true;
         self.is_heading_provisional = false;

@@ -141,7 +141,7 @@ fn a_round_that_ends_late_has_solved_its_stops() {
     assert_eq!(walk.estimate.unsolved.0, 0);
 }
 
-/// What came since then does not confirm the pose.
+/// Sightings since then do not confirm the pose.
 #[test]
 fn poses_are_weak_after_several_stops_without_a_result() {
     let mut walk = Walk::new();
