@@ -141,10 +141,11 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             tilt,
             lens,
             principal,
+            are_ranges_seen,
             is_baseline_known,
             limits,
         } = settings;
-        let optics = Optics::new(lens, principal);
+        let optics = Optics::new(lens, principal, are_ranges_seen);
         let JointMemory {
             cameras,
             stops,
@@ -239,7 +240,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             return Err(JointError::Unknown);
         }
         check(baseline, &settings)?;
-        let optics = Optics::new(settings.lens, settings.principal);
+        let optics = Optics::new(settings.lens, settings.principal, settings.are_ranges_seen);
         let [stops, sights] = [self.stops.values.len(), self.sights.values.len()];
         let marks = self.marks.len();
         let layout = Layout::new(self.cameras.len(), stops, sights, marks, optics.block());
@@ -365,13 +366,6 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             return Err(JointError::NotFinite);
         }
         self.add_sight(stop, camera, Quantity::Range, range, sigma)
-    }
-
-    /// Number of ranges of a camera.
-    #[inline(never)] // for less flash
-    pub fn ranges_of(&self, camera: usize) -> usize {
-        let of = |sight: &&Sight<T>| usize::from(sight.camera) == camera && !sight.is_bearing();
-        self.sights.all().iter().filter(of).count()
     }
 
     /// Adds the elevation of the target above the horizontal plane of the camera to the last bearing. It has the
@@ -828,7 +822,9 @@ fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointE
     let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
     let is_spread = |sigma: T| sigma.is_finite() && sigma >= T::zero();
     let stands = is_spread(settings.standing) && is_spread(settings.tilt);
-    let Optics { lens, principal } = Optics::new(settings.lens, settings.principal);
+    let Optics {
+        lens, principal, ..
+    } = Optics::new(settings.lens, settings.principal, settings.are_ranges_seen);
     if [lens, principal]
         .iter()
         .flatten()

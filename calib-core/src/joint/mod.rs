@@ -259,6 +259,9 @@ pub struct JointSettings<T> {
     /// Standard deviation of every camera's principal column, as the tangent of the angle that it is off: columns
     /// over the focal length in columns. It is estimated and takes room as the focal length does.
     pub principal: Option<T>,
+    /// True if ranges are those of the size of the target in the picture: a lens that is wider than told makes them
+    /// shorter. False if something else measures them.
+    pub are_ranges_seen: bool,
     /// Camera 1 stands as far from camera 0 as the estimator was told. If not, the distance is estimated from no
     /// prior, what was told is a guess, and the carrier's [scale](Self::scale) sets all lengths. Ranges say nothing then.
     pub is_baseline_known: bool,
@@ -284,6 +287,7 @@ impl<T: Real> Default for JointSettings<T> {
             tilt: T::zero(),
             lens: None,
             principal: None,
+            are_ranges_seen: false,
             is_baseline_known: true,
             limits: Limits {
                 position: lit(0.5),

@@ -268,18 +268,21 @@ pub(super) struct Optics<T> {
     pub lens: Option<T>,
     /// Of the principal column, as a tangent. Only where the focal length has one as well.
     pub principal: Option<T>,
+    /// True if ranges are seen through the lens.
+    pub are_ranges_seen: bool,
 }
 
 impl<T: Real> Optics<T> {
     /// Returns what is not zero. A lens of which only the principal column is unknown has a focal length that is
     /// nearly exact.
-    pub(super) fn new(lens: Option<T>, principal: Option<T>) -> Self {
+    pub(super) fn new(lens: Option<T>, principal: Option<T>, are_ranges_seen: bool) -> Self {
         let given = |sigma: &T| *sigma != T::zero();
         let principal = principal.filter(given);
         let exact = principal.map(|_| lit(NEARLY_EXACT));
         Self {
             lens: lens.filter(given).or(exact),
             principal,
+            are_ranges_seen,
         }
     }
 
@@ -430,7 +433,9 @@ impl<T: Real> Problem<'_, T> {
 
     /// The prior of a camera's unknown, as a row of it alone: residual and weight.
     pub(super) fn prior_of(&self, camera: usize, axis: usize) -> Option<(T, T)> {
-        let Optics { lens, principal } = self.common.optics;
+        let Optics {
+            lens, principal, ..
+        } = self.common.optics;
         let of = self.cameras.get(camera)?;
         let (sigma, value) = match axis {
             LENS => (lens?, of.lens()),
@@ -688,15 +693,28 @@ impl<T: Real> Problem<'_, T> {
             if !self.common.is_baseline_known {
                 return None;
             }
-            let share = self.along_floor(sight)?;
+            // A lens that is wider than told makes the target smaller.
+            let camera = self
+                .cameras
+                .get(camera)
+                .filter(|_| self.common.optics.are_ranges_seen);
+            let wider = camera.map_or_else(T::zero, Unknown::lens) + T::one();
+            let share = self.along_floor(sight)? / wider;
             let (told, sigma) = (sight.value * share, sigma * share);
+            let by_lens = camera.map_or_else(T::zero, |_| told / wider);
             let weight = (sigma * sigma + standing * standing).sqrt().recip();
             let range = range2.sqrt();
             let by_place = to_target * (weight / range);
             return Some(SightRow {
                 residual: (range - told) * weight,
                 by_place,
-                by_camera: [-by_place.x, -by_place.y, T::zero(), T::zero(), T::zero()],
+                by_camera: [
+                    -by_place.x,
+                    -by_place.y,
+                    T::zero(),
+                    by_lens * weight,
+                    T::zero(),
+                ],
             });
         }
         let variance = sigma * sigma + standing * standing / range2;

@@ -100,6 +100,8 @@ fn empty<T: Real>(walk: &Walk, limits: Limits<f64>, [told, right]: [f64; 2]) -> 
     settings.tilt = number(0.0);
     settings.lens = (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma));
     settings.principal = (walk.principal_sigma > 0.0).then(|| number(walk.principal_sigma));
+    // Of tests with lenses and ranges: these are of the size in the picture.
+    settings.are_ranges_seen = walk.lens_sigma > 0.0;
     settings.is_baseline_known = told == right;
     settings.limits = Limits {
         position: number(limits.position),

@@ -59,9 +59,6 @@ const ROUND: Round = Round {
     protection: true,
 };
 
-/// Ranges of a camera that count. Together they tell as much as one of them alone claims.
-const RANGES: usize = 3;
-
 /// Sigma of a direction that only the bearings tell, radians.
 const VAGUE: f32 = 0.5;
 
@@ -285,13 +282,11 @@ impl<'m> Estimate<'m> {
             .add_bearing(stop, camera, seen.bearing, seen.sigma)
             .and_then(|()| self.estimator.add_elevation(seen.elevation));
         self.is_new |= added.is_ok();
-        // The lens and the size of the ball err in all ranges of a camera alike: more ranges tell little more.
+        // Ranges fill half of the memory at most: bearings tell more.
         if let Some((range, sigma)) = seen.range(radius)
             && added.is_ok()
-            && self.estimator.ranges_of(camera) < RANGES
             && self.estimator.bearings() < WALK_BEARINGS / 2
         {
-            let sigma = sigma * root(RANGES as f32);
             let added = self.estimator.add_range(stop, camera, range, sigma);
             debug_assert_eq!(added, Ok(()), "there is room");
         }
@@ -495,6 +490,7 @@ impl<'m> Estimate<'m> {
         settings.tilt = config.lens_sigma.tilt_deg.to_radians();
         settings.lens = Some(focal);
         settings.principal = Some(principal);
+        settings.are_ranges_seen = true;
         settings.is_baseline_known = frame.is_baseline_known();
         let [Some(first), Some(second)] = frame.references.map(|camera| self.number(camera)) else {
             return;
