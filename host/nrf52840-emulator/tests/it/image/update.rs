@@ -252,7 +252,15 @@ fn a_network_is_updated_by_radio() {
 #[ignore = "`cargo xtask test --stage chip`"]
 fn an_image_that_cannot_read_its_configuration_goes_back() {
     let parts = NRF52840_DK.updated.as_ref().unwrap();
-    let mut node = updated(lab().camera(0), 1);
+    // UICR is written once, and takes a restart.
+    let mut network = Network::default();
+    network.switch_on(0, updated(lab().camera(0), 1), 0);
+    let _ = network.run(5 * S);
+    let before = network.switch_off(0).unwrap().unwrap();
+    let mut node = Node {
+        flash: before.flash,
+        ..updated(lab().camera(0), 1)
+    };
     let mut put = |at: u64, bytes: &[u8]| {
         let (start, part) = node
             .flash
@@ -276,8 +284,10 @@ fn an_image_that_cannot_read_its_configuration_goes_back() {
         }
     }
     let outcome = network.switch_off(0).unwrap().unwrap();
-    let by: Vec<_> = outcome.resets.iter().map(|reset| &*reset.by).collect();
-    assert_eq!(by, ["WDT"], "{:?}", outcome.resets);
+    let [reset] = &outcome.resets[..] else {
+        panic!("{:?}", outcome.resets);
+    };
+    assert!(reset.by.contains("WDT"), "{reset:?}");
     assert!(runs(&outcome, 1));
 }
 
