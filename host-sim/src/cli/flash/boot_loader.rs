@@ -339,3 +339,50 @@ fn ports_of((vendor, product): UsbNumbers) -> Vec<String> {
     let ports = ports.into_iter().filter(is_it);
     ports.map(|port| port.port_name).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use board_facts::XIAO_NRF52840;
+
+    use super::*;
+
+    const FAMILY: u32 = 0xADA5_2840;
+
+    /// A file of one block.
+    fn file() -> Vec<u8> {
+        let mut block = [0; 512];
+        let words = [
+            0x0A32_4655,
+            0x9E5D_5157,
+            0x2000,
+            0x2_7000,
+            256,
+            0,
+            1,
+            FAMILY,
+        ];
+        for (place, word) in block.chunks_mut(4).zip(words) {
+            place.copy_from_slice(&u32::to_le_bytes(word));
+        }
+        block[508..].copy_from_slice(&0x0AB1_6F30_u32.to_le_bytes());
+        block.to_vec()
+    }
+
+    /// A volume that goes away is the usual end, but not where the file could not be begun.
+    #[test]
+    fn a_copy_that_failed_is_no_success() {
+        let folder = tempfile::tempdir().unwrap();
+        let gone = Volume {
+            board: &XIAO_NRF52840,
+            folder: folder.path().to_owned(),
+            family: FAMILY,
+            ids: &["nRF52840-SeeedXiao"],
+        };
+        gone.write(&file()).unwrap();
+        assert_eq!(fs::read(folder.path().join(NODE)).unwrap(), file());
+        fs::remove_file(folder.path().join(NODE)).unwrap();
+        fs::create_dir(folder.path().join(NODE)).unwrap();
+        let error = gone.write(&file()).unwrap_err().to_string();
+        assert!(error.contains("NODE.UF2 was not written"), "{error}");
+    }
+}

@@ -542,23 +542,6 @@ fn a_boot_loader_takes_image_and_page() {
     assert_eq!(loader.join().unwrap().len(), 1);
 }
 
-/// The volume goes away, and not all of the file is there: no node runs it.
-#[test]
-fn a_copy_that_failed_is_told_at_once() {
-    let place = place();
-    fs::write(place.path("image.elf"), elf(0x0002_7000, 0x0002_9000)).unwrap();
-    let folder = volume(&place, XIAO, &[]);
-    fs::create_dir(folder.join("NODE.UF2")).unwrap();
-    let words = [
-        "flash",
-        "xiao-nrf52840",
-        "--volume=volume",
-        "--image=image.elf",
-        "--config=page.bin",
-    ];
-    place.run(&words).fails("NODE.UF2 was not written");
-}
-
 /// Nothing is written to another board, to one whose program begins elsewhere, or over another node.
 #[test]
 fn a_boot_loader_of_another_board_gets_nothing() {

@@ -136,6 +136,18 @@ fn what_is_forged_older_foreign_or_too_long_is_refused_and_changes_nothing() {
     assert_eq!(ended, Some(Phase::Forged));
 }
 
+/// Hands node 0 the next packet, or waits for a second where there is none.
+fn talk(sender: &mut Sender, node: &mut Node, now: &mut Duration) {
+    let Some(next) = sender.poll(*now) else {
+        *now += Duration::from_secs(1);
+        return;
+    };
+    if let Some(answer) = node.take(&next.packet) {
+        sender.on_packet(*now, 0, &answer);
+    }
+    sender.on_sent(*now);
+}
+
 /// A camera takes a part of an image for cameras, becomes a target, and starts again.
 #[test]
 fn an_image_that_was_begun_in_another_role_is_foreign() {
@@ -152,14 +164,7 @@ fn an_image_that_was_begun_in_another_role_is_foreign() {
     let mut now = Duration::ZERO;
     let phase = |node: &Node| node.receiver.as_ref().unwrap().phase();
     while phase(&node) != Phase::Receiving {
-        if let Some(next) = sender.poll(now) {
-            if let Some(answer) = node.take(&next.packet) {
-                sender.on_packet(now, 0, &answer);
-            }
-            sender.on_sent(now);
-        } else {
-            now += Duration::from_secs(1);
-        }
+        talk(&mut sender, &mut node, &mut now);
     }
     assert!(node.start());
     assert_eq!(phase(&node), Phase::Preparing);
@@ -197,14 +202,7 @@ fn a_new_image_that_finds_no_network_goes_back() {
     let mut sender = Sender::new(package(LENGTH, 2), [0], 0);
     let (mut now, mut trials) = (Duration::ZERO, 0);
     while !sender.is_done() {
-        if let Some(next) = sender.poll(now) {
-            if let Some(answer) = node.take(&next.packet) {
-                sender.on_packet(now, 0, &answer);
-            }
-            sender.on_sent(now);
-        } else {
-            now += Duration::from_secs(1);
-        }
+        talk(&mut sender, &mut node, &mut now);
         if node.receiver.as_ref().unwrap().phase() == Phase::Trial {
             trials += 1;
             assert_eq!(node.active(LENGTH), image(LENGTH, 2));
