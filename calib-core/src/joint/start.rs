@@ -9,21 +9,21 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use super::{
     Prior,
     descent::Descent,
-    problem::{Common, Problem, Sight, Standing},
+    problem::{Problem, Sight, Standing},
 };
 use crate::{
     Ray, Real, Refusal, angle,
     fit::{Fit, one_in_a_thousand},
     numerics::plane::quarter_turn,
     numerics::real::lit,
-    reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
+    reference::{Found, Known, ReferenceSettings, Search, Stop},
 };
 
 /// Least number of stops that both references saw: with two there are two answers.
 pub(super) const LEAST: usize = 3;
-/// Most of these that a start takes: more add nothing, and one step of the work grows with their third power.
+/// Most of these that a start takes: more add nothing, and the work grows with their third power.
 const MOST: usize = 12;
-/// The same where the direction of the steps or the baseline is sought too, in 24 directions.
+/// The same where the direction of the steps or the baseline is sought too, in many directions.
 const MOST_OF_UNKNOWN: usize = 8;
 /// Stops of a start if all together contradict each other: fewer would not show it.
 const WINDOW: usize = 5;
@@ -57,7 +57,7 @@ pub(super) struct Starting<T: Real> {
     in_parts: bool,
     /// The one of [`TAKEN`] that is tried.
     taken: usize,
-    trial: Trial,
+    trial: Trial<T>,
     best: Start<T>,
     other: Option<Start<T>>,
     descent: Descent<T>,
@@ -70,9 +70,11 @@ pub(super) struct Starting<T: Real> {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Trial {
+enum Trial<T: Real> {
     /// A reference solve is next.
     Proposing,
+    /// A reference solve is under way, with these known.
+    Searching(Known<T>, Search<T>),
     Best,
     Other,
     /// The better of both once more.
@@ -116,7 +118,7 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// One reference solve, or one pass over the references' bearings.
+    /// A slice of a reference solve, or one pass over the references' bearings.
     ///
     /// # Errors
     /// The reason why the references' own sightings do not carry a start.
@@ -174,12 +176,24 @@ impl<T: Real> Problem<'_, T> {
     }
 
     fn step_trial(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
-        if let Trial::Proposing = starting.trial {
-            return self.propose(starting).err().map(Err);
+        match &mut starting.trial {
+            Trial::Proposing => {
+                let known = self.begin_search(starting);
+                starting.trial = Trial::Searching(known, Search::new());
+            }
+            Trial::Searching(..) => return self.step_search(starting).map(Err),
+            Trial::Best | Trial::Other | Trial::Better => {
+                return self.step_descents(starting);
+            }
         }
+        self.step_search(starting).map(Err)
+    }
+
+    /// Does one pass over the references' bearings.
+    fn step_descents(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
         let tried = self.step_descent(&mut starting.descent)?;
         let Starting { best, other, .. } = starting;
-        match (starting.trial, tried, *other) {
+        match (&starting.trial, tried, *other) {
             (Trial::Best, Ok(cost), Some(other)) => {
                 best.cost = cost;
                 starting.trial = Trial::Other;
@@ -221,41 +235,56 @@ impl<T: Real> Problem<'_, T> {
         self.common.compass_prior.sigma = compass;
     }
 
-    fn propose(&mut self, starting: &mut Starting<T>) -> Result<(), Refusal> {
+    /// Begins a reference solve with the next priors that are known well enough. Returns the known ones.
+    fn begin_search(&mut self, starting: &mut Starting<T>) -> Known<T> {
         self.restore_priors(starting);
-        let Common {
-            baseline,
-            is_baseline_known,
-            scale_prior,
-            compass_prior,
-            ..
-        } = *self.common;
+        let common = &mut *self.common;
+        let (scale, compass) = (common.scale_prior, common.compass_prior);
         let is_known = |prior: Prior<T>| prior.sigma < lit(VAGUE);
         let [mut takes_scale, mut takes_compass] = [false; 2];
         while let Some(taken) = TAKEN.get(starting.taken) {
             [takes_scale, takes_compass] = *taken;
-            if (!takes_scale || is_known(scale_prior) && is_baseline_known)
-                && (!takes_compass || is_known(compass_prior))
+            if (!takes_scale || is_known(scale) && common.is_baseline_known)
+                && (!takes_compass || is_known(compass))
             {
                 break;
             }
             starting.taken += 1;
         }
-        let common = &mut *self.common;
-        common.carrier = Vector2::new(scale_prior.mean, compass_prior.mean);
-        let (best, other) = self.proposals(&Known {
-            baseline: takes_scale.then_some(baseline),
+        common.carrier = Vector2::new(scale.mean, compass.mean);
+        Known {
+            baseline: takes_scale.then_some(common.baseline),
             frame_heading: takes_compass.then_some(T::zero()),
-        })?;
+        }
+    }
+
+    /// Does a slice of a reference solve. At its end the passes from its answers begin.
+    ///
+    /// Returns the reason why there is no answer.
+    fn step_search(&mut self, starting: &mut Starting<T>) -> Option<Refusal> {
+        let Trial::Searching(known, search) = &mut starting.trial else {
+            return None;
+        };
+        let first = match self.search(known, search)? {
+            Ok(first) => first,
+            Err(why) => return Some(why),
+        };
+        let (best, other) = search.best()?;
+        let best = self.start_of(first, best);
+        let other = other.map(|other| self.start_of(first, other));
         // A prior that the sightings contradict is dropped: then they tell the value.
         let common = &mut *self.common;
         for (prior, value, is_taken) in [
             (
                 &mut common.scale_prior,
                 best.carrier.x,
-                takes_scale || !is_baseline_known,
+                known.baseline.is_some() || !common.is_baseline_known,
             ),
-            (&mut common.compass_prior, best.carrier.y, takes_compass),
+            (
+                &mut common.compass_prior,
+                best.carrier.y,
+                known.frame_heading.is_some(),
+            ),
         ] {
             let off = angle::wrap_signed(value - prior.mean).abs();
             if !is_taken && off > prior.sigma * lit(CLAIMED) {
@@ -265,7 +294,7 @@ impl<T: Real> Problem<'_, T> {
         (starting.best, starting.other) = (best, other);
         starting.trial = Trial::Best;
         self.begin_descent(&best, &mut starting.descent);
-        Ok(())
+        None
     }
 
     fn begin_descent(&mut self, start: &Start<T>, descent: &mut Descent<T>) {
@@ -308,12 +337,48 @@ impl<T: Real> Problem<'_, T> {
         Some([u16::try_from(first).ok()?, u16::try_from(last).ok()?])
     }
 
-    /// Proposals of the reference solve: its best answer, and another one that fits as well.
+    /// Does a slice of a reference solve. Returns the number of its first stop at its end.
     #[inline(never)] // for less stack
-    fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
-        let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
+    fn search(&self, known: &Known<T>, search: &mut Search<T>) -> Option<Result<usize, Refusal>> {
+        let mut stops = [Self::nowhere(); MOST];
         let is_known = known.baseline.is_some() && known.frame_heading.is_some();
         let most = if is_known { MOST } else { MOST_OF_UNKNOWN };
+        let (first, count) = self.common_stops(stops.get_mut(..most)?);
+        let stops = stops.get(..count).filter(|stops| stops.len() >= LEAST);
+        let Some(stops) = stops else {
+            return Some(Err(Refusal::TooFew));
+        };
+        let searched = search.step(stops, known, ReferenceSettings::default())?;
+        Some(searched.map(|()| first))
+    }
+
+    /// Start of the passes from an answer of the reference solve, whose first stop is this one.
+    #[inline(never)] // for less flash
+    fn start_of(&self, first: usize, answer: &Found<T>) -> Start<T> {
+        let common = &*self.common;
+        // Ratio of the baseline as the carrier would measure it to its length.
+        let stretch = if common.is_baseline_known {
+            answer.baseline() / common.baseline
+        } else {
+            T::one()
+        };
+        Start {
+            headings: answer.headings(),
+            baseline: answer.baseline(),
+            carrier: Vector2::new(
+                common.scale_prior.mean * stretch,
+                angle::wrap_signed(common.compass_prior.mean - answer.frame_heading()),
+            ),
+            stop: first,
+            place: answer.first_stop() / stretch,
+            cost: answer.chi_squared,
+        }
+    }
+
+    /// Collects the stops at which both references saw the target, at most as many as there is room for and up to a leg
+    /// that was not measured. Returns the number of the first one, and how many there are.
+    fn common_stops(&self, stops: &mut [Stop<T>]) -> (usize, usize) {
+        let (mut count, mut first) = (0, 0);
         let mut since = Self::nowhere();
         for number in 0..self.stops.len() {
             let connected = self.add_leg(number, &mut since);
@@ -327,7 +392,7 @@ impl<T: Real> Problem<'_, T> {
             else {
                 continue;
             };
-            let Some(stop) = stops.get_mut(count).filter(|_| count < most) else {
+            let Some(stop) = stops.get_mut(count) else {
                 break;
             };
             *stop = Stop {
@@ -341,40 +406,7 @@ impl<T: Real> Problem<'_, T> {
             since = Self::nowhere();
             count += 1;
         }
-        let stops = { stops.get(..count) }
-            .filter(|stops| stops.len() >= LEAST)
-            .ok_or(Refusal::TooFew)?;
-        let Common {
-            baseline,
-            is_baseline_known,
-            scale_prior,
-            compass_prior,
-            ..
-        } = *self.common;
-        // By reference: large, and moved it would be on the stack twice.
-        let solved = reference::solve(stops, known, &ReferenceSettings::default());
-        let outcome = solved.as_ref().map_err(|why| *why)?;
-        let start = |solution: &ReferenceSolution<T>| {
-            // Ratio of the baseline as the carrier would measure it to its length.
-            let stretch = if is_baseline_known {
-                solution.baseline / baseline
-            } else {
-                T::one()
-            };
-            Start {
-                headings: solution.headings,
-                baseline: solution.baseline,
-                carrier: Vector2::new(
-                    scale_prior.mean * stretch,
-                    angle::wrap_signed(compass_prior.mean - solution.frame_heading),
-                ),
-                stop: first,
-                place: solution.first_stop / stretch,
-                cost: solution.chi_squared,
-            }
-        };
-        let alternative = outcome.alternative.as_ref().map(start);
-        Ok((start(&outcome.best), alternative))
+        (first, count)
     }
 
     fn nowhere() -> Stop<T> {

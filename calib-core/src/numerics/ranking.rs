@@ -3,6 +3,7 @@
 use crate::Real;
 
 /// Up to `N` values with the least costs, best first.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranking<T, V, const N: usize> {
     places: [Option<(T, V)>; N],
 }

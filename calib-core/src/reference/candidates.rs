@@ -12,12 +12,11 @@
 
 use nalgebra::{Vector2, Vector6};
 
-use super::{Stop, model::Bearings};
+use super::{Known, Stop, model::Bearings};
 use crate::{
     Ray, Real, Refusal, Sighting,
     numerics::{
         angle,
-        minimize::Problem,
         plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
         ranking::Ranking,
         real::lit,
@@ -39,34 +38,35 @@ const OF_ONE: usize = 2;
 /// Trial headings for a frame whose heading is not known: every 15 degrees.
 const TRIAL_HEADINGS: u32 = 24;
 
-/// The candidates that fit all stops best.
+/// Number of parts in which the closed forms propose.
+pub(super) fn parts<T: Real>(known: &Known<T>) -> u32 {
+    if known.baseline.is_some() && known.frame_heading.is_none() {
+        1 + TRIAL_HEADINGS
+    } else {
+        1
+    }
+}
+
+/// Offers the candidates of one of the [parts].
 ///
 /// # Errors
-/// The reason why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
-/// behind a camera.
+/// The reason why a closed form refused some stops.
 #[inline(never)] // for less stack
 pub(super) fn propose<T: Real>(
     problem: &Bearings<'_, T>,
+    part: u32,
     proposals: &mut Proposals<T>,
 ) -> Result<(), Refusal> {
     let mut best = Best { problem, proposals };
-    let known = problem.known;
-    let mut refusal = Refusal::TargetBehind;
-    match (known.baseline, known.frame_heading) {
-        (Some(baseline), Some(heading)) => best.offer_circles(baseline, heading),
-        (baseline, heading) => {
-            refusal = best.offer_resections().err().unwrap_or(refusal);
-            if let (Some(baseline), None) = (baseline, heading) {
-                for k in 0..TRIAL_HEADINGS {
-                    let turn = T::whole(k) / T::whole(TRIAL_HEADINGS);
-                    best.offer_circles(baseline, T::two_pi() * turn);
-                }
-            }
-        }
-    }
-    if best.proposals.iter().next().is_none() {
-        return Err(refusal);
-    }
+    let Known {
+        baseline,
+        frame_heading,
+    } = *problem.known;
+    let (Some(baseline), true) = (baseline, frame_heading.is_some() || part > 0) else {
+        return best.offer_resections();
+    };
+    let trial = || T::two_pi() * (T::whole(part) / T::whole(TRIAL_HEADINGS));
+    best.offer_circles(baseline, frame_heading.unwrap_or_else(trial));
     Ok(())
 }
 
@@ -77,8 +77,9 @@ struct Best<'a, T: Real> {
 
 impl<T: Real> Best<'_, T> {
     fn offer(&mut self, x: Vector6<T>) {
-        let cost = self.problem.cost(x.as_slice(), x.as_slice());
-        if cost.is_finite() {
+        let limit = self.proposals.limit();
+        // Most candidates are far off, which a few stops show.
+        if let Some(cost) = self.problem.chi_squared(&x, limit) {
             let is_alike = |held: &Vector6<T>| {
                 let near = |a: T, b: T| angle::wrap_signed(a - b).abs() < lit(ALIKE);
                 near(held.x, x.x) && near(held.y, x.y)

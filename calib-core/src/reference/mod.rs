@@ -42,6 +42,7 @@ use crate::{
         real::{lit, root},
     },
 };
+use candidates::Proposals;
 use model::Bearings;
 
 mod candidates;
@@ -264,6 +265,17 @@ fn solve_checked<T: Real>(
     known: &Known<T>,
     settings: ReferenceSettings,
 ) -> Result<ReferenceOutcome<T>, Refusal> {
+    let mut search = Search::new();
+    let searched = loop {
+        if let Some(searched) = search.step(stops, known, settings) {
+            break searched;
+        }
+    };
+    searched?;
+    outcome(&Bearings::new(stops, known), settings, &search)
+}
+
+fn check<T: Real>(stops: &[Stop<T>], known: &Known<T>) -> Result<(), Refusal> {
     let lengths_usable = known
         .baseline
         .is_none_or(|b| b.is_finite() && b > T::zero());
@@ -278,78 +290,175 @@ fn solve_checked<T: Real>(
     if displacements_from_first(stops).all(|(sum, _)| sum == Vector2::zeros()) {
         return Err(Refusal::CoincidentTargets);
     }
-
-    let problem = Bearings::new(stops, known);
-    let mut found = Ranking::new();
-    distinct(&problem, settings, &mut found)?;
-    outcome(&problem, settings, &found)
+    Ok(())
 }
 
-/// The answers that [`distinct`] found.
+/// The answers of a [`Search`].
 type Answers<T> = Ranking<T, Found<T>, 6>;
 
-/// The best answer, and the next best one unless it is ruled out.
-#[inline(never)] // for less stack
-fn outcome<T: Real>(
-    problem: &Bearings<'_, T>,
-    settings: ReferenceSettings,
-    found: &Answers<T>,
-) -> Result<ReferenceOutcome<T>, Refusal> {
-    let mut ranked = found.iter();
-    let best = ranked.next().ok_or(Refusal::TargetBehind)?;
-    let limit = best.chi_squared + one_in_a_thousand(1);
-    let alternative = match ranked.next().filter(|other| other.chi_squared < limit) {
-        Some(other) => Some(refine(problem, other.start, settings)?),
-        None => None,
-    };
-    Ok(ReferenceOutcome {
-        best: refine(problem, best.start, settings)?,
-        alternative,
-        candidates: found.iter().count(),
-    })
+/// Search for the different answers, in slices: a slow processor can do something else in between. It keeps no
+/// measurement, so each slice takes the same ones.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Search<T: Real> {
+    next: Slice,
+    proposals: Proposals<T>,
+    found: Answers<T>,
+    /// Reason why a candidate was not an answer.
+    failure: Refusal,
 }
 
-/// Numbers that tell one answer from another. The answer itself is computed again from its start, which takes
-/// time once instead of stack always.
-#[derive(Clone, Copy)]
-struct Found<T: Real> {
-    start: Vector6<T>,
-    unknowns: Vector6<T>,
-    variances: Vector6<T>,
-    chi_squared: T,
+#[derive(Clone, Copy, Debug)]
+enum Slice {
+    /// This one of the closed forms.
+    Propose(u32),
+    /// The candidate of this rank.
+    Refine(usize),
 }
 
-/// Finds the different answers that the candidates lead to, at least one.
-#[inline(never)] // for less stack
-fn distinct<T: Real>(
-    problem: &Bearings<'_, T>,
-    settings: ReferenceSettings,
-    found: &mut Answers<T>,
-) -> Result<(), Refusal> {
-    let mut proposals = Ranking::new();
-    candidates::propose(problem, &mut proposals)?;
-    let mut failure = Refusal::TargetBehind;
-    for &start in proposals.iter() {
+impl<T: Real> Search<T> {
+    #[inline(never)] // for less stack
+    pub(crate) fn new() -> Self {
+        Self {
+            next: Slice::Propose(0),
+            proposals: Ranking::new(),
+            found: Ranking::new(),
+            failure: Refusal::TargetBehind,
+        }
+    }
+
+    /// Does a slice. `None` if there are more.
+    ///
+    /// # Errors
+    /// As [`solve`].
+    #[inline(never)] // for less stack
+    pub(crate) fn step(
+        &mut self,
+        stops: &[Stop<T>],
+        known: &Known<T>,
+        settings: ReferenceSettings,
+    ) -> Option<Result<(), Refusal>> {
+        let problem = Bearings::new(stops, known);
+        match self.next {
+            Slice::Propose(part) => {
+                if part == 0
+                    && let Err(why) = check(stops, known)
+                {
+                    return Some(Err(why));
+                }
+                if let Err(why) = candidates::propose(&problem, part, &mut self.proposals) {
+                    self.failure = why;
+                }
+                self.next = if part + 1 < candidates::parts(known) {
+                    Slice::Propose(part + 1)
+                } else {
+                    Slice::Refine(0)
+                };
+            }
+            Slice::Refine(rank) => {
+                let Some(&start) = self.proposals.iter().nth(rank) else {
+                    let found = self.found.iter().next();
+                    return Some(found.map(|_| ()).ok_or(self.failure));
+                };
+                if rank == 0 {
+                    // That closed forms refused some stops matters only if they propose nothing.
+                    self.failure = Refusal::TargetBehind;
+                }
+                self.try_candidate(&problem, rank, start, settings);
+                self.next = Slice::Refine(rank + 1);
+            }
+        }
+        None
+    }
+
+    fn try_candidate(
+        &mut self,
+        problem: &Bearings<'_, T>,
+        rank: usize,
+        start: Vector6<T>,
+        settings: ReferenceSettings,
+    ) {
         // By reference: large, and moved it would be on the stack twice.
         match &refine(problem, start, settings) {
             Ok(solution) => {
                 let new = Found {
-                    start,
+                    rank,
                     unknowns: solution.unknowns(),
                     variances: solution.covariance.diagonal(),
                     chi_squared: solution.chi_squared,
                 };
-                if !found.iter().any(|held| is_same(held, &new)) {
-                    found.offer(new.chi_squared, new);
+                if !self.found.iter().any(|held| is_same(held, &new)) {
+                    self.found.offer(new.chi_squared, new);
                 }
             }
-            Err(why) => failure = *why,
+            Err(why) => self.failure = *why,
         }
     }
-    if found.iter().next().is_none() {
-        return Err(failure);
+
+    /// The best answer, and the next best one unless it is ruled out.
+    pub(crate) fn best(&self) -> Option<(&Found<T>, Option<&Found<T>>)> {
+        let mut ranked = self.found.iter();
+        let best = ranked.next()?;
+        let limit = best.chi_squared + one_in_a_thousand(1);
+        let other = ranked.next().filter(|other| other.chi_squared < limit);
+        Some((best, other))
     }
-    Ok(())
+
+    fn start_of(&self, found: &Found<T>) -> Result<Vector6<T>, Refusal> {
+        let start = self.proposals.iter().nth(found.rank);
+        start.copied().ok_or(Refusal::TargetBehind)
+    }
+}
+
+#[inline(never)] // for less stack
+fn outcome<T: Real>(
+    problem: &Bearings<'_, T>,
+    settings: ReferenceSettings,
+    search: &Search<T>,
+) -> Result<ReferenceOutcome<T>, Refusal> {
+    let (best, other) = search.best().ok_or(Refusal::TargetBehind)?;
+    let alternative = match other {
+        Some(other) => Some(refine(problem, search.start_of(other)?, settings)?),
+        None => None,
+    };
+    Ok(ReferenceOutcome {
+        best: refine(problem, search.start_of(best)?, settings)?,
+        alternative,
+        candidates: search.found.iter().count(),
+    })
+}
+
+/// Numbers that tell one answer from another. The whole answer is computed again from its start, which takes
+/// time once instead of stack always.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found<T: Real> {
+    /// Rank of the candidate that led to it.
+    rank: usize,
+    unknowns: Vector6<T>,
+    variances: Vector6<T>,
+    /// Sum of the squared residuals, each over its variance.
+    pub(crate) chi_squared: T,
+}
+
+impl<T: Real> Found<T> {
+    /// Headings of both cameras, radians in `[0, 2 pi)`.
+    pub(crate) fn headings(&self) -> [T; 2] {
+        [self.unknowns.x, self.unknowns.y].map(angle::wrap_positive)
+    }
+
+    /// Place of the target at the first stop.
+    pub(crate) fn first_stop(&self) -> Point2<T> {
+        Point2::new(self.unknowns.z, self.unknowns.w)
+    }
+
+    /// Direction of the displacements' x axis against the baseline, radians in `[0, 2 pi)`.
+    pub(crate) fn frame_heading(&self) -> T {
+        angle::wrap_positive(self.unknowns.a)
+    }
+
+    /// Distance between the cameras.
+    pub(crate) fn baseline(&self) -> T {
+        self.unknowns.b
+    }
 }
 
 #[inline(never)] // for less stack
@@ -459,7 +568,7 @@ mod tests {
 
     fn found(unknowns: [f64; 6]) -> Found<f64> {
         Found {
-            start: Vector6::zeros(),
+            rank: 0,
             unknowns: unknowns.into(),
             variances: Vector6::from([1e-4, 4e-4, 0.01, 0.04, 9e-4, 0.09]),
             chi_squared: 1.0,

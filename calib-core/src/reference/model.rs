@@ -103,6 +103,14 @@ impl<'a, T: Real> Bearings<'a, T> {
         })
     }
 
+    /// The cost at `x`, with the weights there. `None` if it is above a limit.
+    pub(super) fn chi_squared(&self, x: &Vector6<T>, limit: Option<T>) -> Option<T> {
+        self.sights(x).try_fold(T::zero(), |sum, sight| {
+            let sum = sum + sight.cost(&sight.whitening());
+            limit.is_none_or(|limit| sum <= limit).then_some(sum)
+        })
+    }
+
     fn sights(&self, x: &Vector6<T>) -> impl Iterator<Item = Sight<'_, T>> {
         let [axis0, axis1] = [unit(x.x), unit(x.y)];
         let first = Vector2::new(x.z, x.w);
@@ -181,6 +189,13 @@ impl<T: Real> Sight<'_, T> {
         let l11 = (variance1 - l10 * l10).max(s1 * s1).sqrt();
         Whitening { l00, l10, l11 }
     }
+
+    fn cost(&self, by: &Whitening<T>) -> T {
+        let [v0, v1] = &self.views;
+        let r0 = v0.residual / by.l00;
+        let r1 = (v1.residual - r0 * by.l10) / by.l11;
+        r0 * r0 + r1 * r1
+    }
 }
 
 /// The unknowns by name.
@@ -213,11 +228,7 @@ impl<T: Real> Problem<T> for Bearings<'_, T> {
         self.sights(&unknowns(x))
             .zip(self.sights(&unknowns(weights_at)))
             .fold(T::zero(), |sum, (sight, at)| {
-                let w = at.whitening();
-                let [v0, v1] = sight.views;
-                let r0 = v0.residual / w.l00;
-                let r1 = (v1.residual - r0 * w.l10) / w.l11;
-                sum + r0 * r0 + r1 * r1
+                sum + sight.cost(&at.whitening())
             })
     }
 }

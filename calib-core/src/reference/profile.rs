@@ -18,6 +18,11 @@ use crate::{
     },
 };
 
+/// Factor from one sigma that is tried to the next one.
+const SHORTER: f64 = 0.75;
+/// Most times that a sigma is multiplied by it.
+const MOST_TIMES: u8 = 60;
+
 /// Shortens the covariance's weakest direction to the length that the profile of the cost allows.
 #[inline(never)] // for less stack
 pub(super) fn bound<T: Real>(
@@ -44,17 +49,22 @@ pub(super) fn bound<T: Real>(
 fn risen_by_one<T: Real>(predicted: T, rise: impl Fn(T) -> T) -> T {
     // The milder side counts; and a cost that is not a number has not risen.
     let is_above = |sigma: T, limit: T| rise(sigma) > limit && rise(-sigma) > limit;
-    let mut sigma = predicted;
     // A rise up to 4 is ordinary non-linearity, not a merger.
-    if is_above(sigma, lit(4.0)) {
-        for _ in 0..60 {
-            sigma *= lit(0.75);
-            if !is_above(sigma, T::one()) {
-                break;
-            }
+    if !is_above(predicted, lit(4.0)) {
+        return predicted;
+    }
+    let shortened = |times| (0..times).fold(predicted, |sigma, _| sigma * lit(SHORTER));
+    // After so many times it is still above one, and no longer.
+    let [mut above, mut below] = [0, MOST_TIMES];
+    while below - above > 1 {
+        let middle = u8::midpoint(above, below);
+        if is_above(shortened(middle), T::one()) {
+            above = middle;
+        } else {
+            below = middle;
         }
     }
-    sigma
+    shortened(below)
 }
 
 /// Takes this share of the variance along `direction` away, as a measurement of the unknowns along

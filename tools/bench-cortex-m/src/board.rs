@@ -75,6 +75,7 @@ fn run() -> Result<(), Error> {
     // The other board has no room for it.
     #[cfg(target_abi = "eabihf")]
     {
+        bench_cortex_m::references::measure_all(&mut bench)?;
         bench_cortex_m::joint::measure_all(&mut bench)?;
         bench_cortex_m::tracker::measure_all(&mut bench)?;
     }

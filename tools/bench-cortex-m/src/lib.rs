@@ -10,6 +10,7 @@
 //! | [`joint`] | rounds of joint estimation, step by step |
 //! | [`measure`] | counts a routine over many inputs, prints one line |
 //! | [`pose`] | poses from three sightings, of which the bits are told |
+//! | [`references`] | reference solves of twelve stops |
 //! | [`routines`] | the routines that are counted; **a new routine is one more statement there** |
 //! | [`scene`] | random cameras and targets to count with |
 //! | [`total`] | a published three-object method, to compare with |
@@ -26,6 +27,7 @@ pub mod bits;
 pub mod joint;
 pub mod measure;
 pub mod pose;
+pub mod references;
 pub mod routines;
 pub mod scene;
 pub mod total;

@@ -118,6 +118,28 @@ impl<C: Counter, W: fmt::Write> Bench<C, W> {
         self.report(name, &mut counts)
     }
 
+    /// Counts `work` as [`measure`](Self::measure) does, but once for each input: it is too long to be repeated. The
+    /// cost of a call of nothing is in it, and up to a tick.
+    ///
+    /// # Errors
+    /// [`Error::TooLong`], [`Error::Output`].
+    pub fn measure_long<I, O>(
+        &mut self,
+        name: &str,
+        mut draw: impl FnMut(&mut ChaCha8Rng) -> I,
+        mut work: impl FnMut(&I) -> O,
+    ) -> Result<Counts, Error> {
+        let mut random = ChaCha8Rng::seed_from_u64(SEED);
+        let mut counts = [0; INPUTS];
+        for count in &mut counts {
+            let input = draw(&mut random);
+            self.counter.start();
+            black_box(work(black_box(&input)));
+            *count = self.counter.stop().ok_or(Error::TooLong)?;
+        }
+        self.report(name, &mut counts)
+    }
+
     /// Counts each call of `step`, which is too long to be repeated, until it says that there is no more; and
     /// prints the same line of them, then one of all together, `<name>_in_all`. The cost of a call of nothing is
     /// in it, and up to a tick.
