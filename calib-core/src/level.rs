@@ -50,6 +50,9 @@ const ANY_HEIGHT: f64 = 4.0;
 const TURN: f64 = 0.25;
 /// A pitch beyond this is not believed, radians: 60 degrees. Such fits are mostly those of another pose.
 const STEEPEST: f64 = 1.047;
+/// Pitch that comes so close to the steepest one runs away: it approaches the limit by halves and never reaches it.
+/// Radians.
+const CLOSE: f64 = 0.035;
 /// Share of the chi squared of one in a thousand up to which a camera is taken for level. A level one whose pitch is
 /// found from its rows loses little.
 const AS_LEVEL: f64 = 0.5;
@@ -288,7 +291,9 @@ impl<T: Real> Levelness<T> {
             let most = one_in_a_thousand::<T>(degrees_of_freedom) * lit(AS_LEVEL);
             return degrees_of_freedom > 0 && !(chi_squared <= most);
         }
-        degrees_of_freedom == 0 || self.fit.is_bad() || self.mounting.pitch.abs() >= lit(STEEPEST)
+        degrees_of_freedom == 0
+            || self.fit.is_bad()
+            || self.mounting.pitch.abs() >= lit(STEEPEST - CLOSE)
     }
 }
 

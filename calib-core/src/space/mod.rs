@@ -297,7 +297,9 @@ fn other_focal<T: Real>(problem: &Problem<'_, T>, best: &Adjusted<T>) -> Option<
         ..*problem
     };
     let found = freed.adjust(&best.pose, best.lens).ok()?;
-    (found.chi_squared + lit(MUCH_BETTER) < best.chi_squared).then_some(found.lens.x)
+    // One wrong sighting gets a little better with any unknown that is freed.
+    let most = (best.chi_squared * lit(0.5)).min(best.chi_squared - lit(MUCH_BETTER));
+    (found.chi_squared < most).then_some(found.lens.x)
 }
 
 /// Returns true if the targets stand on one line, as far as the arithmetic can tell.

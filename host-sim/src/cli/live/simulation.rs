@@ -21,6 +21,9 @@ use virtual_hardware::executor::times_real_time;
 use super::super::{of_site, scenario_options::tell_assumptions};
 use super::{Audience, Begun, POLL, SourceOptions, told, wait};
 
+/// Slowest speed by command. At a slower one an event, and with it the next command, would wait for minutes.
+const SLOWEST: f64 = 0.1;
+
 /// Time between two looks at a simulation, nanoseconds.
 const LOOKS: u64 = 100_000_000;
 /// Largest distance by which a camera is moved at once: the largest width of a site.
@@ -134,8 +137,8 @@ impl Controls<'_> {
             }
             Command::Speed { times } => {
                 ensure!(
-                    (0.0..=1e6).contains(&times),
-                    "a speed from 0 to 1000000 is needed"
+                    times == 0.0 || (SLOWEST..=1e6).contains(&times),
+                    "a speed from {SLOWEST} to 1000000 is needed, or 0 for as fast as it can"
                 );
                 self.times = (times > 0.0).then_some(times);
                 self.pace(simulation);

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Number, Value, error::Category};
 
 use super::{
-    Network, Node, Radio, RunRecord, Stop, Target, Tracking,
+    FORMAT, Network, Node, Radio, RunRecord, Stop, Target, Tracking,
     sightings::Sightings,
     summary::Summary,
     verdict::{Judge, NextStop},
@@ -544,6 +544,9 @@ pub enum StreamError {
     /// The first line is not that of a stream.
     #[error("it does not begin as a stream of events does")]
     NoBegin,
+    /// A stream with a record of another version.
+    #[error("its record has format {0}, and only format {FORMAT} can be read: make it again")]
+    Record(u32),
     /// A stream of another version.
     #[error("it has event format {0}, and only format {EVENT_FORMAT} can be read: make it again")]
     Format(u32),
@@ -591,6 +594,9 @@ pub fn read(stream: impl io::BufRead) -> Result<Vec<Event>, StreamError> {
     match events.first().map(|event| &event.what) {
         Some(What::Begin { events: format, .. }) if *format != EVENT_FORMAT => {
             Err(StreamError::Format(*format))
+        }
+        Some(What::Begin { record, .. }) if record.format != FORMAT => {
+            Err(StreamError::Record(record.format))
         }
         Some(What::Begin { .. }) => Ok(events),
         _ => Err(StreamError::NoBegin),
